@@ -38,7 +38,13 @@ class Command:
     targets: tuple[str, ...]
     """Files that it writes in the folder OUT."""
     kept: tuple[str, ...] = ()
-    """Patterns of names in OUT that a failed run may leave, because --resume needs them."""
+    """Names in OUT that a failed run may leave, because --resume needs them."""
+
+    @property
+    def replaced(self) -> tuple[str, ...]:
+        """Targets at which an earlier file is before a run."""
+        files = [name for name in self.targets if "." in name and not name.endswith(".clips")]
+        return () if self.kept else tuple(name for name in files if "/" not in name)
 
 
 SMALL = ("--resolution", "32x24", "--threads", "1")
@@ -59,6 +65,9 @@ COMMANDS = (
     *(_convert("stage.usda", f"o{suffix}") for suffix in (".ply", ".spz", ".sog", ".splat")),
     _convert("stage.usda", "o.compressed.ply"),
     _convert("stage.usda", "o.glb"),
+    Command(
+        "convert to o/meta.json", ("convert", "stage.usda", f"{OUT}/o/meta.json"), ("o/meta.json",)
+    ),
     Command(
         "convert --split",
         ("convert", "two.usda", f"{OUT}/o.ply", "--split"),
@@ -142,13 +151,12 @@ class Runner:
         """Folder of results."""
         return self.folder / OUT
 
-    def start(self, command: Command, *, old: bool = True) -> None:
+    def start(self, command: Command) -> None:
         """Empty the folder of results, but for an earlier file at each target that is a file."""
         shutil.rmtree(self.out, ignore_errors=True)
         self.out.mkdir()
-        for name in command.targets if old and not command.kept else ():
-            if "." in name and not name.endswith(".clips"):
-                (self.out / name).write_bytes(OLD)
+        for name in command.replaced:
+            (self.out / name).write_bytes(OLD)
 
     def run(
         self, command: Command, fault: tuple[str, int] | None = None, limit: int | None = None
@@ -220,17 +228,16 @@ class Runner:
                     results.read(path)
         except Exception as error:
             return f"{type(error).__name__}: {error}"
-        missing = [name for name in command.targets if not (self.out / name).exists()]
-        expected = [name for name in missing if "." in name and not name.endswith(".clips")]
-        return f"no {', '.join(expected)}" if expected and not command.kept else ""
+        missing = [name for name in command.replaced if not (self.out / name).exists()]
+        return f"no {', '.join(missing)}" if missing else ""
 
     def _litter(self, command: Command, *, is_done: bool) -> str:
         """Return the names of other files than the targets."""
-        allowed = {*command.targets, *(() if is_done else command.kept)}
+        allowed = {name.partition("/")[0] for name in command.targets}
         found = {path.name for path in self.out.iterdir()} - allowed
         inside = {
             path.name
-            for name in command.targets
+            for name in allowed
             for path in (self.out / name).rglob("*")
             if path.name.startswith(".") or (is_done and not results.is_part(path))
         }
@@ -270,7 +277,7 @@ def faults(calls: Sequence[str], *, wide: bool) -> list[tuple[str, int]]:
     else:
         modes = [
             ("enospc", sorted({1, count // 2, count - 2})),
-            ("once", [renames[-1]]),
+            ("once", sorted({count // 2, renames[-1]})),
             ("kill", sorted({count // 2, renames[-1]})),
             ("stop", [count // 2]),
             ("lost", [count * 2 // 3] if uses_stdio else []),

@@ -12,7 +12,9 @@ from pxr import Usd
 
 from usdsplat import formats
 
-_PARTS = re.compile(r"samples\.usdc|frame\.\d+\.usdc|topology\.usda|manifest\.usda")
+_PARTS = re.compile(
+    r"samples\.usdc|frame\.\d+\.usdc|topology\.usda|manifest\.usda|meta\.json|\w+(\.\d+)?\.webp"
+)
 
 
 def is_part(path: Path) -> bool:

@@ -211,6 +211,19 @@ def interrupted(*_paths):
     raise KeyboardInterrupt
 
 
+def test_what_a_killed_writer_left_is_replaced(tmp_path):
+    """Oracle: the listing of a folder that was not left by anybody; images without `meta.json`,
+    under their own and under numbered names."""
+    formats.write(random_cloud(30, 1), tmp_path / "new" / "meta.json")
+    (tmp_path / "left").mkdir()
+    for name in ("means_l.webp", "sh0.1.webp"):
+        (tmp_path / "left" / name).write_bytes(b"half")
+    formats.write(random_cloud(30, 1), tmp_path / "left" / "meta.json")
+    found, expected = (len(list((tmp_path / name).iterdir())) for name in ("left", "new"))
+    assert found == expected
+    assert len(formats.read(tmp_path / "left" / "meta.json").cloud) == 30
+
+
 def test_progress_ends_with_every_splat(tmp_path):
     """Oracle: the number of splats."""
     steps = []

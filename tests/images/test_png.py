@@ -11,7 +11,7 @@ import pytest
 
 from usdsplat.core.errors import UsageError
 from usdsplat.images.layout import ImageLayout
-from usdsplat.images.png import PngWriter, quantized
+from usdsplat.images.png import PngWriter, is_whole_png, quantized
 
 Image = pytest.importorskip("PIL.Image")
 
@@ -137,3 +137,20 @@ def test_an_interrupted_picture_is_silent(
         raise KeyboardInterrupt
     assert list(tmp_path.iterdir()) == []
     assert capfd.readouterr().err == ""
+
+
+def test_every_missing_byte_is_noticed(tmp_path: Path) -> None:
+    """Oracle: Pillow's PNG is whole; the same bytes without some at any place are not, and neither
+    are more bytes or another file."""
+    rng = np.random.default_rng(1)
+    path = tmp_path / "a.png"
+    Image.fromarray(rng.integers(0, 255, (9, 9, 3), np.uint8)).save(path)
+    data = path.read_bytes()
+    assert is_whole_png(path)
+    for missing in (1, 4, 12):
+        for start in range(len(data) - missing + 1):
+            path.write_bytes(data[:start] + data[start + missing :])
+            assert not is_whole_png(path), (start, missing)
+    for other in (data + b"x", b"", data[:8], b"exr"):
+        path.write_bytes(other)
+        assert not is_whole_png(path)

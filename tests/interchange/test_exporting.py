@@ -207,6 +207,18 @@ def test_each_field_becomes_a_file_of_its_own(stage, tmp_path: Path) -> None:
     assert sorted(p.name for p in tmp_path.glob("b_*")) == ["b_Rock.ply", "b_Tree.ply"]
 
 
+def test_a_split_that_fails_leaves_no_file(stage, tmp_path) -> None:
+    """Oracle: the listing, and the earlier bytes; the second name is a folder's."""
+    for name in "AB":
+        schema.author(stage, f"/{name}", cloud(n=5))
+    (tmp_path / "out_A.ply").write_bytes(b"old")
+    (tmp_path / "out_B.ply").mkdir()
+    with pytest.raises(OutputError, match=r"out_B\.ply: found something that is not a plain file"):
+        export_each(stage, tmp_path / "out.ply")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["out_A.ply", "out_B.ply"]
+    assert (tmp_path / "out_A.ply").read_bytes() == b"old"
+
+
 def test_a_time_chooses_the_frame(stage, tmp_path: Path) -> None:
     """Oracle: samples of centres and of the transform, half way by hand."""
     first = cloud(1, n=3)

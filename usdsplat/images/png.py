@@ -9,6 +9,8 @@ Source: W3C PNG Specification, Third Edition.
 
 from __future__ import annotations
 
+import struct
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -23,8 +25,7 @@ from usdsplat.images.labels import as_text
 from usdsplat.images.layout import Band, ImageLayout
 from usdsplat.images.writer import ROWS, ImageWriter
 
-END = b"\0\0\0\0IEND\xae\x42\x60\x82"
-"""The final chunk of every complete PNG."""
+_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 RESOLUTION = 72.0
 """Pixels per inch; PNG expresses the pixel aspect ratio by two of these."""
 
@@ -67,9 +68,27 @@ class PngWriter(ImageWriter):
         self._file.geterror()  # of the full disk that may be the reason
 
     def _is_whole(self, path: Path) -> bool:
-        with path.open("rb") as file:
-            file.seek(max(0, path.stat().st_size - len(END)))
-            return file.read() == END
+        return is_whole_png(path)
+
+
+def is_whole_png(path: Path) -> bool:
+    """Return whether a file is a PNG with valid chunks from the header to the end.
+
+    OpenImageIO's writer does not report every failing write, so bytes can also be missing in the
+    middle.
+    """
+    with path.open("rb") as file:
+        found = file.read(len(_SIGNATURE)) == _SIGNATURE
+        name = b""
+        while found and name != b"IEND":
+            start = file.read(8)
+            if len(start) < 8:
+                return False
+            size, name = struct.unpack(">I4s", start)
+            data = file.read(size)  # a damaged size cannot make it more than the file
+            crc = zlib.crc32(data, zlib.crc32(name))
+            found = file.read(4) == struct.pack(">I", crc)
+        return found and not file.read(1)
 
 
 def quantized(premultiplied: F32, dtype: npt.DTypeLike) -> npt.NDArray[np.unsignedinteger]:

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import os
+import re
 import zipfile
+from collections.abc import Collection
 from pathlib import Path
 
 from usdsplat.core.errors import FormatError, OutputError
 from usdsplat.core.output import is_private, output_file, output_group, write_output
 from usdsplat.formats.sog.encoding import EncodedSog
 from usdsplat.formats.sog.meta import META, META_LIMIT, parse_meta
+
+_NUMBER = re.compile(r"\.([0-9]+\.)?")
+"""The end of the stem of an image, with the number of `_free_name` if it has one."""
 
 
 def write_archive(path: Path, sog: EncodedSog) -> None:
@@ -39,7 +44,7 @@ def write_folder(meta: Path, sog: EncodedSog) -> None:
         OutputError: If the folder has other files but no SOG, or cannot be written.
     """
     folder = Path(os.path.realpath(meta.parent))
-    old = _images_of(str(meta), folder)
+    old = _images_of(str(meta), folder, sog.images)
     names = {name: _free_name(folder, name) for name in sog.images}
     try:
         with output_group() as group:
@@ -57,8 +62,11 @@ def write_folder(meta: Path, sog: EncodedSog) -> None:
         raise OutputError(str(meta), found, "a folder that can be written") from error
 
 
-def _images_of(target: str, folder: Path) -> list[str]:
-    """Return the images of the SOG in a folder, none if it is new or empty."""
+def _images_of(target: str, folder: Path, images: Collection[str]) -> list[str]:
+    """Return the images of the SOG in a folder, none if it is new or empty.
+
+    Images without the file that names them are those of a writer that was killed.
+    """
     expected = "a new or an empty folder, or one that holds a SOG"
     if not folder.exists():
         return []
@@ -66,9 +74,10 @@ def _images_of(target: str, folder: Path) -> list[str]:
         raise OutputError(target, f"a file {folder.name}", expected)
     meta = folder / META
     if not meta.exists():
-        if not all(map(is_private, os.listdir(folder))):
+        left = [name for name in os.listdir(folder) if not is_private(name)]
+        if not all(_NUMBER.sub(".", name) in images for name in left):
             raise OutputError(target, "a folder with other files", expected)
-        return []
+        return left
     try:
         with meta.open("rb") as file:
             named = parse_meta(target, file.read(META_LIMIT)).files
