@@ -16,13 +16,16 @@ from __future__ import annotations
 
 import os
 import shlex
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
 from usdsplat.cli.arguments import option
+from usdsplat.cli.reporting import Reporter, ReportingOptions
 
 VARIABLE = "PXR_PLUGINPATH_NAME"
+
+USES_USD = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -31,9 +34,10 @@ class Options:
 
     export: Annotated[bool, option()] = False
     """print a shell line that prepends the folders to the variable"""
+    reporting: ReportingOptions = field(default_factory=ReportingOptions)
 
 
-def run(options: Options) -> int:
+def run(options: Options, _: Reporter) -> int:
     """Print the folders, or the shell line."""
     from usdsplat.preview import usdview
     from usdsplat.schema.registration import plugin_folder

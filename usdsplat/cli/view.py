@@ -35,6 +35,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from usdsplat.cli.arguments import option, positional
+from usdsplat.cli.reporting import Reporter, ReportingOptions
 from usdsplat.cli.stage_options import StageOptions
 from usdsplat.cli.values import time_code
 from usdsplat.core.errors import BackendError, StageError, UnknownFormatError, UsageError
@@ -83,9 +84,10 @@ class Options:
     """number of threads; default: all cores"""
     browser: WebOptions = field(default_factory=WebOptions)
     opening: StageOptions = field(default_factory=StageOptions)
+    reporting: ReportingOptions = field(default_factory=ReportingOptions)
 
 
-def run(options: Options) -> int:
+def run(options: Options, reporter: Reporter) -> int:
     """Show the file until the window is closed, or until Ctrl-C."""
     time_code(options.frame)
     _check_web(options)

@@ -22,6 +22,7 @@ from usdsplat.interchange.exporting import unknown_color_spaces
 from usdsplat.interchange.provenance import add_edits, add_form
 from usdsplat.interchange.reports import RepackReport
 from usdsplat.schema import Form
+from usdsplat.schema.composition import composition_findings
 
 
 def repack(
@@ -95,7 +96,8 @@ def repack(
         samples=len(work),
         splats=splats,
         form=form,
-        notes=(*files.composition_remarks(stage), *unknown_color_spaces(fields), *notes),
+        notes=(*unknown_color_spaces(fields), *notes),
+        findings=tuple(composition_findings(stage)),
     )
 
 

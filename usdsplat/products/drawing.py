@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from usdsplat.core.errors import OutputError, UsageError
+from usdsplat.core.findings import Finding, Findings
 from usdsplat.core.output import Existing
 from usdsplat.core.progress import Progress, silent
 from usdsplat.core.wording import counted
@@ -26,7 +27,6 @@ from usdsplat.render.cost import Work
 from usdsplat.render.occluders import ReadHoldout
 from usdsplat.render.specs import CameraSpec, View
 
-Remark = Callable[[str], None]
 _Job = tuple[PicturePlan, float, Path]
 """Plan, time code and file of a picture."""
 
@@ -83,7 +83,7 @@ def draw_frames(
     source: str,
     options: DrawOptions = DrawOptions(),
     progress: Progress = silent,
-    remark: Remark = lambda _: None,
+    findings: Findings | None = None,
     cancel: CancelToken | None = None,
 ) -> Iterator[DrawnPicture]:
     """Draw every picture at every frame, frame by frame, and yield each when its file is complete.
@@ -95,7 +95,8 @@ def draw_frames(
         source: Name of the stage in the headers of the files.
         options: Treatment of existing files, and the memory limit.
         progress: Receives the progress in rows of all pictures together.
-        remark: Receives messages on problems that are not visible in the pictures.
+        findings: Receives what the stage asks for and does not get, at every frame, and messages
+            on problems that are not visible in the pictures.
         cancel: Stops the drawing after the current band; complete files are kept.
 
     Raises:
@@ -106,11 +107,13 @@ def draw_frames(
     cancel = cancel or CancelToken()
     jobs = _jobs(plans, frames, options.existing)
     engine.expect(work_of(plans, frames))
-    before = engine.remark
-    tell = _once(remark)
+    findings = Findings() if findings is None else findings
+    said = engine.remark
+    if said:
+        findings.say(said)
     _check_holdouts(jobs)
     cameras = {plan: _framing_camera(engine, plan, frames) for plan, _, _ in jobs}
-    budgets = _budgets(engine, jobs, cameras, options.memory_limit, tell)
+    budgets = _budgets(engine, jobs, cameras, options.memory_limit, findings)
     rows, total = 0, sum(plan.rows for plan, _, _ in jobs)
     what = jobs[0][2].name if len(jobs) == 1 else counted(len(jobs), "picture")
     label = f"{what}, row"
@@ -118,6 +121,7 @@ def draw_frames(
     for plan, frame, path in jobs:
         started = time.perf_counter()
         view = _go_to(engine, plan, frame, cameras[plan])
+        findings.extend(_of_picture(engine, plan), time=None if frame == jobs[0][1] else frame)
 
         def rows_written(done: int, before: int = rows) -> None:
             progress.step(label, before + done, total)
@@ -140,14 +144,14 @@ def draw_frames(
         rows += plan.rows
         stats, seconds = engine.stats, time.perf_counter() - started
         if report is not None:
-            remark(remarks.what_is_deep(path, report, seconds))
+            findings.say(remarks.what_is_deep(path, report, seconds))
         elif plan.settings.color_mode == "inverseView":
-            remark(remarks.what_fails(path, stats))
-        if engine.remark != before:  # a GPU has failed in the meantime
-            tell(engine.remark)
-        empty = remarks.why_nothing(engine, stats)
-        if empty:
-            tell(f"nothing is drawn: {empty}", f"{path}: ")
+            findings.say(remarks.what_fails(path, stats))
+        if engine.remark != said:  # a GPU has failed in the meantime
+            said = engine.remark
+            findings.say(said)
+        if empty := remarks.nothing_drawn(engine, view, stats):
+            findings.add(empty, time=None if frame == jobs[0][1] else frame)
         yield DrawnPicture(
             path=path,
             frame=frame,
@@ -198,7 +202,7 @@ def _budgets(
     jobs: Sequence[_Job],
     cameras: dict[PicturePlan, CameraSpec | None],
     limit: int | None,
-    tell: Callable[..., None],
+    findings: Findings,
 ) -> dict[PicturePlan, Budget]:
     """Choose the bands of each picture by its first frame, before any picture is drawn."""
     budgets: dict[PicturePlan, Budget] = {}
@@ -207,27 +211,20 @@ def _budgets(
             continue
         view = _go_to(engine, plan, frame, cameras[plan])
         found = budgets[plan] = budget(engine, plan, view, limit=limit)
-        for text in plan.warnings:
-            tell(text)
+        findings.extend(plan.findings)
         if plan.deep:
-            tell(remarks.what_is_forced(plan))
-        if sharp := remarks.why_sharp(plan, view.camera):
-            tell(sharp)
+            findings.say(remarks.what_is_forced(plan))
+        if sharp := remarks.no_blur(plan, view.camera):
+            findings.add(sharp)
         if limit is not None or found.estimate.total > WORTH_SAYING:
-            tell(found.sentence(), f"{path.name}: ")
+            findings.say(f"{path.name}: {found.sentence()}")
     return budgets
 
 
-def _once(remark: Remark) -> Callable[..., None]:
-    """Return a function that passes on each remark once, with the first file it applies to."""
-    told: set[str] = set()
-
-    def tell(text: str, where: str = "") -> None:
-        if text not in told:
-            told.add(text)
-            remark(where + text)
-
-    return tell
+def _of_picture(engine: Engine, plan: PicturePlan) -> Iterator[Finding]:
+    """Yield the engine's findings, except those on cameras of other pictures."""
+    others = set(engine.cameras()) - {plan.camera}
+    return (found for found in engine.findings if found.path not in others)
 
 
 def _holdout(plan: PicturePlan, frame: float) -> ReadHoldout | None:

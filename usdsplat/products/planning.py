@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from usdsplat.core.errors import StageError, UsageError
+from usdsplat.core.findings import finding
 from usdsplat.core.knobs import checked
 from usdsplat.delegate.engine import PURPOSES, Engine
 from usdsplat.delegate.product import ProductSpec
@@ -83,15 +84,15 @@ def _finished(request: RenderRequest, spec: ProductSpec, camera: str | None) -> 
     if not output:
         raise UsageError(where, "no output file", "-o FILE, or productName on the product")
     deep = request.deep or spec.kind == "deepRaster"
-    warnings = spec.warnings
+    findings = spec.findings
     suited = default_color_mode(frame_path(output, 0))
     names = tuple(aov.name for aov in find_aovs(request.aovs or spec.aovs, where=f"{where} AOVs"))
     if deep:
         others = [name for name in names if name not in DEEP_AOVS]
         _check_deep(request, output, others)
         if others:
-            text = f"{where}: a deep picture holds only color and Z; left out: {', '.join(others)}"
-            warnings = (*warnings, text)
+            found = f"{', '.join(others)} in a deep picture"
+            findings = (*findings, finding("deep-aovs", where, found, "only color and Z"))
         names = ("color",)
     settings = spec.settings
     if deep or settings.color_mode == "auto":
@@ -114,7 +115,7 @@ def _finished(request: RenderRequest, spec: ProductSpec, camera: str | None) -> 
         deep_compression=request.deep_compression or "none",
         compare=request.compare,
         is_baked=settings.color_mode != "display" and (is_png or request.bake_view),
-        warnings=warnings,
+        findings=findings,
     )
     layout = layout_of(picture)
     if deep:

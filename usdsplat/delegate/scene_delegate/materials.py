@@ -15,6 +15,7 @@ from pxr import Sdf, Usd, UsdShade
 
 from usdsplat.core.cloud import F32, F64
 from usdsplat.core.errors import StageError, UsdSplatError
+from usdsplat.core.findings import Finding, from_error
 from usdsplat.delegate.scene_delegate.readings import Sources
 from usdsplat.delegate.scene_delegate.textures import Color, Textures
 from usdsplat.images.texture import Encoding
@@ -81,11 +82,11 @@ class MaterialReader:
     """Reader of the materials of a mesh at a time.
 
     Attributes:
-        problems: Errors of values that were replaced by their fallback.
+        findings: Findings about values that were replaced by their fallback.
     """
 
     def __init__(self, time: Usd.TimeCode, textures: Textures, sources: Sources) -> None:
-        self.problems: list[UsdSplatError] = []
+        self.findings: list[Finding] = []
         self._time = time
         self._textures = textures
         self._sources = sources
@@ -126,7 +127,7 @@ class MaterialReader:
         except UsdSplatError as error:
             # Without an authored fallback, neutral grey is better than black for a missing texture.
             authored = node.GetAttribute("inputs:fallback").HasAuthoredValue()
-            self.problems.append(error)
+            self.findings.append(from_error("missing-asset", error))
             return BoundMaterial(spec=MaterialSpec(diffuse=fallback if authored else NEUTRAL))
         wrap = (self._wrap(node, "wrapS"), self._wrap(node, "wrapT"))
         diffuse = (1.0, 1.0, 1.0) if any(bias) else scale

@@ -16,7 +16,7 @@ from typing import Literal
 from pxr import Sdf, Usd, UsdGeom, UsdLux, UsdSkel
 
 from usdsplat import schema
-from usdsplat.core.errors import StageError, UsdSplatError
+from usdsplat.core.findings import Finding, finding
 from usdsplat.delegate.instancing import Link, Placement
 from usdsplat.delegate.scene_delegate.notices import INHERITED
 from usdsplat.delegate.scene_delegate.volumes import NO_CROP, Crop, find_crop, has_crop
@@ -108,8 +108,8 @@ class Population:
     instancers: dict[str, Usd.Prim] = field(default_factory=dict)
     cameras: dict[str, Usd.Prim] = field(default_factory=dict)
     lights: dict[str, Usd.Prim] = field(default_factory=dict)
-    problems: dict[str, UsdSplatError] = field(default_factory=dict)
-    """Path -> error, for prims that are not used."""
+    findings: list[Finding] = field(default_factory=list)
+    """What prims ask for and do not get, apart from their values."""
 
     def rprims(self) -> Iterator[tuple[str, RprimEntry]]:
         """Yield (path, entry) of fields and meshes."""
@@ -218,7 +218,8 @@ class _Walk:
         path = str(instancer.GetPath())
         if any(link.instancer == path for link in links):
             found = "an instancer that is among its own prototypes"
-            self._found.problems[path] = StageError(path, found, "prototypes without a cycle")
+            expected = "prototypes without a cycle"
+            self._found.findings.append(finding("bad-instancer", path, found, expected))
             return
         self._found.instancers[path] = instancer
         targets = UsdGeom.PointInstancer(instancer).GetPrototypesRel().GetForwardedTargets()
@@ -227,8 +228,9 @@ class _Walk:
             if root:
                 self.scan(root, (*links, Link(instancer=path, prototype=number)), levels)
             else:
-                error = StageError(path, f"no prim at its prototype {target}", "an existing one")
-                self._found.problems[path] = error
+                found = f"no prim at its prototype {target}"
+                problem = finding("bad-instancer", path, found, "an existing one")
+                self._found.findings.append(problem)
 
 
 def _enlist(entries: dict[str, RprimEntry], seen: list[Appearance], crop: Crop) -> None:

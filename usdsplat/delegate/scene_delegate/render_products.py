@@ -13,6 +13,7 @@ from typing import Any, Literal
 from pxr import Sdf, Usd, UsdRender
 
 from usdsplat.core.errors import StageError
+from usdsplat.core.findings import Finding, finding
 from usdsplat.core.knobs import checked
 from usdsplat.delegate.product import ProductSpec
 from usdsplat.delegate.scene_delegate import collections
@@ -79,7 +80,7 @@ def find_products(
     prim, render_pass = _sources(stage, settings_path)
     if prim is None:
         return ()
-    warnings = () if render_pass is None else _not_honoured(render_pass)
+    findings = () if render_pass is None else _not_honoured(render_pass)
     code = Usd.TimeCode.Default() if time is None else Usd.TimeCode(time)
     found = []
     for target in UsdRender.Settings(prim).GetProductsRel().GetForwardedTargets():
@@ -88,7 +89,7 @@ def find_products(
             raise StageError(f"{prim.GetPath()}.products", str(target), "a RenderProduct prim")
         reader = _Reader(product, prim, render_pass, code)
         spec = reader.product(camera=camera, resolution=resolution, overrides=overrides)
-        found.append(replace(spec, warnings=(*warnings, *reader.foreign())))
+        found.append(replace(spec, findings=(*findings, *reader.foreign())))
     return tuple(found)
 
 
@@ -136,18 +137,16 @@ def _rendered_by(render_pass: Usd.Prim) -> list[Sdf.Path]:
     return list(source.GetRenderSourceRel().GetForwardedTargets())
 
 
-def _not_honoured(render_pass: Usd.Prim) -> tuple[str, ...]:
-    """Return a sentence for each collection of a pass that is not supported."""
+def _not_honoured(render_pass: Usd.Prim) -> tuple[Finding, ...]:
+    """Return a finding for each collection of a pass that is not supported."""
     stage, found = render_pass.GetStage(), []
     for name in ("renderVisibility", "cameraVisibility", "prune"):
         held = collections.rules(stage, [Usd.CollectionAPI(render_pass, name)])
         expected = () if name == "prune" else collections.everything(stage)
         if held != expected:
-            words = (
-                f"found some prims, expected {'all' if expected else 'none'}; all are drawn, "
-                "because the collection is not supported"
-            )
-            found.append(f"{render_pass.GetPath()} collection:{name}: {words}")
+            where = f"{render_pass.GetPath()}.collection:{name}"
+            wanted = "all" if expected else "none"
+            found.append(finding("unsupported-pass", where, "some prims", wanted))
     return tuple(found)
 
 
@@ -224,13 +223,13 @@ class _Reader:
         checked(str(self._product.GetPath()), RenderSettings, values)
         return checked("render settings", RenderSettings, {**values, **overrides})
 
-    def foreign(self) -> tuple[str, ...]:
-        """Return a sentence for each var that is not supported, such as a light path."""
+    def foreign(self) -> tuple[Finding, ...]:
+        """Return a finding for each var that is not supported, such as a light path."""
         sources = [
             (str(var.GetPath()), str(var.GetSourceNameAttr().Get())) for var in self._all_vars()
         ]
         return tuple(
-            f"{path}.sourceName: found {name!r}, expected one of {', '.join(AOVS)}; it is left out"
+            finding("unknown-var", f"{path}.sourceName", repr(name), f"one of {', '.join(AOVS)}")
             for path, name in sources
             if name not in AOVS
         )
