@@ -93,6 +93,36 @@ CODES: dict[str, Code] = {
         "a crop collection has no volumes, or a volume has no size",
         "add a shape with a size, or remove the collection",
     ),
+    "unsupported-light": Code(
+        "warning",
+        "a light is of a type that is not supported; only DistantLight is",
+        "use distant lights, or hide the light",
+        "it does not light the surfaces",
+    ),
+    "unsupported-input": Code(
+        "warning",
+        "an input of a light or a shader is not supported",
+        "remove it, or bake its effect into diffuseColor",
+        "it has no effect",
+    ),
+    "unsupported-surface": Code(
+        "warning",
+        "a material has no UsdPreviewSurface",
+        "add a UsdPreviewSurface for all renderers to the material",
+        "displayColor or grey is drawn",
+    ),
+    "unsupported-prim": Code(
+        "warning",
+        "a prim is of a type that is not drawn, such as curves or a volume",
+        "convert it to a mesh, or hide it",
+        "it is not drawn",
+    ),
+    "unknown-type": Code(
+        "error",
+        "USD has loaded no schema with the type of a prim",
+        "correct the type, or load the plug-in with its schema",
+        "it is not drawn",
+    ),
     # --- products ---
     "unknown-var": Code(
         "warning",

@@ -32,6 +32,10 @@ from usdsplat.delegate.scene_delegate.readings import Readings, Sources
 from usdsplat.delegate.scene_delegate.reconcile import reconcile
 from usdsplat.delegate.scene_delegate.skeletons import Skeletons
 from usdsplat.delegate.scene_delegate.textures import Textures
+from usdsplat.delegate.scene_delegate.unsupported import (
+    findings_on_light,
+    findings_on_prims,
+)
 from usdsplat.delegate.scene_delegate.variability import varying_bits
 from usdsplat.render.specs import CameraSpec, CropSpec, FieldSpec, LightSpec, MeshSpec
 
@@ -106,6 +110,10 @@ class UsdSceneDelegate:
         for path, reader in self._meshes.items():
             if self._is_of_interest(path, "mesh") and (path, "mesh") not in self.problems:
                 found += reader.findings
+        found += findings_on_prims(self._population.others, self._code, self._purposes)
+        for prim in self._population.lights.values():
+            if UsdGeom.Imageable(prim).ComputeVisibility(self._code) != UsdGeom.Tokens.invisible:
+                found += findings_on_light(prim)
         once = {each.key: each for each in found}
         return tuple(sorted(once.values(), key=lambda each: (each.path, each.message)))
 

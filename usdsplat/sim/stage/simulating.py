@@ -200,7 +200,7 @@ class Simulation:
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """What the stage asks for and the simulation does not do, each once."""
+        """What the stage asks for and does not get, each once."""
         found: dict[Finding, None] = {}
         for path, recipe in self.recipes.items():
             found |= dict.fromkeys(recipe.findings)
@@ -255,8 +255,7 @@ def simulate(
         reading: Entered while the stage is read, as in `Simulation`.
 
     Raises:
-        UsdSplatError: If something on the stage cannot be simulated, written or resumed, or
-            `findings` are strict.
+        UsdSplatError: If something cannot be simulated, written or resumed; `StrictError` too.
     """
     findings = Findings() if findings is None else findings
     if target.exists() and options.existing == "error":
