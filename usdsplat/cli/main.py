@@ -23,7 +23,7 @@ from usdsplat.core.errors import BackendError, UsageError, UsdSplatError
 COMMANDS = {
     "convert": "convert captures to a stage, a stage to captures, or either to another of its kind",
     "info": "describe a capture or a stage",
-    "validate": "check the splats and simulations of a stage, and say how to fix each problem",
+    "validate": "check stages for what other commands would stop at, and say how to fix it",
     "view": "show a stage or a capture in a window or a browser",
     "render": "render a stage or a capture to EXR or PNG",
     "simulate": "simulate the splats of a stage, and bake the result into a layer",

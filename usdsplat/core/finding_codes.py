@@ -142,6 +142,32 @@ CODES: dict[str, Code] = {
         "request the other AOVs with a flat product",
         "the others are left out",
     ),
+    "bad-product": Code(
+        "error",
+        "a RenderProduct cannot be drawn as authored",
+        "correct the attribute that the sentence names",
+    ),
+    "bad-settings": Code(
+        "error",
+        "a RenderSettings prim or a RenderPass cannot be used",
+        "correct the attribute that the sentence names",
+    ),
+    "wide-lens": Code(
+        "warning",
+        "a lens is wider than a tenth of its focus distance, so that nearly all is blurred",
+        "check focalLength, fStop and focusDistance: USD's focal lengths are in tenths of a scene "
+        "unit, so that millimetres need a metersPerUnit of 0.01",
+    ),
+    "nothing-checked": Code(
+        "warning",
+        "a stage has nothing to check",
+        "check the path of the file, its payloads and its population mask",
+    ),
+    "unreadable": Code(
+        "error",
+        "a file to check cannot be read",
+        "repair the file, or correct its path",
+    ),
     "no-blur": Code(
         "note",
         "a camera has a shutter or a lens, but one sample shows no blur",

@@ -48,7 +48,8 @@ def open_layer(path: Path, *, anonymous: bool = False) -> Sdf.Layer:
     if not path.is_file():
         raise StageError(str(path), "no such file", "a USD file")
     if path.name.lower().endswith(formats.suffixes_read()):
-        raise StageError(str(path), "a capture", "a USD file")
+        expected = "a USD file; usdsplat convert makes one"
+        raise StageError(str(path), "a capture", expected)
     found = ""
     try:
         layer = (Sdf.Layer.OpenAsAnonymous if anonymous else Sdf.Layer.FindOrOpen)(str(path))

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 from usdsplat.core.errors import OutputError, UsageError
-from usdsplat.core.findings import Finding, Findings
+from usdsplat.core.findings import Findings
 from usdsplat.core.output import Existing
 from usdsplat.core.progress import Progress, silent
 from usdsplat.core.wording import counted
@@ -22,10 +22,11 @@ from usdsplat.products.deep import DeepReport, draw_deep
 from usdsplat.products.flat import draw_flat
 from usdsplat.products.header import Origin, labelled_layout
 from usdsplat.products.picture_file import PictureFile, RowsWritten
+from usdsplat.products.preflight import findings_of, go_to, of_picture
 from usdsplat.products.request import PicturePlan
 from usdsplat.render.cost import Work
 from usdsplat.render.occluders import ReadHoldout
-from usdsplat.render.specs import CameraSpec, View
+from usdsplat.render.specs import CameraSpec
 
 _Job = tuple[PicturePlan, float, Path]
 """Plan, time code and file of a picture."""
@@ -103,6 +104,7 @@ def draw_frames(
         UsageError: If two pictures have the same file, or the memory limit is too low.
         StageError: If a camera cannot be used.
         OutputError: If a file cannot be written, or exists and `existing` is "error".
+        StrictError: If `findings` are strict and not empty; then nothing is written.
     """
     cancel = cancel or CancelToken()
     jobs = _jobs(plans, frames, options.existing)
@@ -114,14 +116,19 @@ def draw_frames(
     _check_holdouts(jobs)
     cameras = {plan: _framing_camera(engine, plan, frames) for plan, _, _ in jobs}
     budgets = _budgets(engine, jobs, cameras, options.memory_limit, findings)
+    if findings.is_strict:
+        for plan, frame, _ in jobs:
+            findings.extend(findings_of(engine, plan, frame, cameras[plan]))
+        findings.check()
     rows, total = 0, sum(plan.rows for plan, _, _ in jobs)
     what = jobs[0][2].name if len(jobs) == 1 else counted(len(jobs), "picture")
     label = f"{what}, row"
     progress.step(label, 0, total)
     for plan, frame, path in jobs:
         started = time.perf_counter()
-        view = _go_to(engine, plan, frame, cameras[plan])
-        findings.extend(_of_picture(engine, plan), time=None if frame == jobs[0][1] else frame)
+        view = go_to(engine, plan, frame, cameras[plan])
+        since = None if frame == jobs[0][1] else frame
+        findings.extend(of_picture(engine, plan, view.camera), time=since)
 
         def rows_written(done: int, before: int = rows) -> None:
             progress.step(label, before + done, total)
@@ -151,7 +158,7 @@ def draw_frames(
             said = engine.remark
             findings.say(said)
         if empty := remarks.nothing_drawn(engine, view, stats):
-            findings.add(empty, time=None if frame == jobs[0][1] else frame)
+            findings.add(empty, time=since)
         yield DrawnPicture(
             path=path,
             frame=frame,
@@ -185,18 +192,6 @@ def write_picture(
     return None
 
 
-def _go_to(engine: Engine, plan: PicturePlan, frame: float, camera: CameraSpec | None) -> View:
-    """Set the engine to a frame, and return the view of the picture there."""
-    engine.set_refinement(plan.settings.refinement)
-    engine.set_time(frame)
-    engine.set_purposes(plan.purposes)
-    if camera is None:
-        view = engine.view(plan.camera, framing=plan.framing)
-    else:
-        view = View(camera=camera, framing=plan.framing)
-    return replace(view, matte=plan.matte)
-
-
 def _budgets(
     engine: Engine,
     jobs: Sequence[_Job],
@@ -209,22 +204,14 @@ def _budgets(
     for plan, frame, path in jobs:
         if plan in budgets:
             continue
-        view = _go_to(engine, plan, frame, cameras[plan])
+        view = go_to(engine, plan, frame, cameras[plan])
         found = budgets[plan] = budget(engine, plan, view, limit=limit)
         findings.extend(plan.findings)
         if plan.deep:
             findings.say(remarks.what_is_forced(plan))
-        if sharp := remarks.no_blur(plan, view.camera):
-            findings.add(sharp)
         if limit is not None or found.estimate.total > WORTH_SAYING:
             findings.say(f"{path.name}: {found.sentence()}")
     return budgets
-
-
-def _of_picture(engine: Engine, plan: PicturePlan) -> Iterator[Finding]:
-    """Yield the engine's findings, except those on cameras of other pictures."""
-    others = set(engine.cameras()) - {plan.camera}
-    return (found for found in engine.findings if found.path not in others)
 
 
 def _holdout(plan: PicturePlan, frame: float) -> ReadHoldout | None:

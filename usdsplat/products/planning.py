@@ -51,8 +51,8 @@ def plan_pictures(engine: Engine, request: RenderRequest) -> tuple[PicturePlan, 
             raise StageError("--product", request.product, f"a product of the settings: {known}")
     if request.output:
         products = products[:1]
-    pictures = tuple(_of_product(engine, request, product) for product in products)
-    pictures = pictures or (_own(engine, request, camera),)
+    pictures = tuple(plan_product(engine, request, product) for product in products)
+    pictures = pictures or (plan_default(engine, request, camera),)
     if request.deep_compression is not None and not any(picture.deep for picture in pictures):
         raise UsageError(
             "--deep-compression", "no deep picture", "one, from --deep or a deepRaster product"
@@ -60,8 +60,8 @@ def plan_pictures(engine: Engine, request: RenderRequest) -> tuple[PicturePlan, 
     return pictures
 
 
-def _own(engine: Engine, request: RenderRequest, camera: str | None) -> PicturePlan:
-    """Plan the picture of a stage without products."""
+def plan_default(engine: Engine, request: RenderRequest, camera: str | None = None) -> PicturePlan:
+    """Plan the picture of a stage without products, by default of its first camera."""
     spec = ProductSpec(
         path="render",
         framing=replace(Framing(), resolution=request.resolution or Framing().resolution),
@@ -71,8 +71,13 @@ def _own(engine: Engine, request: RenderRequest, camera: str | None) -> PictureP
     return _finished(request, spec, camera or _first_camera(engine))
 
 
-def _of_product(engine: Engine, request: RenderRequest, product: ProductSpec) -> PicturePlan:
-    """Plan the picture of a product."""
+def plan_product(engine: Engine, request: RenderRequest, product: ProductSpec) -> PicturePlan:
+    """Plan the picture of a product.
+
+    Raises:
+        UsageError: If the product cannot be drawn as requested.
+        StageError: If its camera does not exist.
+    """
     if product.kind not in KINDS:
         raise UsageError(product.path, f"productType {product.kind}", " or ".join(KINDS))
     return _finished(request, product, _camera_of(engine, product) or _first_camera(engine))

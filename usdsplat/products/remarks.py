@@ -13,6 +13,9 @@ from usdsplat.render.frame_stats import FrameStats
 from usdsplat.render.sampling import has_lens
 from usdsplat.render.specs import CameraSpec, View
 
+WIDEST = 0.1
+"""Width of a lens, as a part of its focus distance, above which it is probably a mistake."""
+
 
 def nothing_drawn(engine: Engine, view: View, stats: FrameStats) -> Finding | None:
     """Return a finding on an empty picture at the engine's time; None if it may not be empty."""
@@ -40,6 +43,16 @@ def no_blur(plan: PicturePlan, camera: CameraSpec) -> Finding | None:
         return None
     found = f"one sample, which does not show the blur of the {' and '.join(blurs)}"
     return finding("no-blur", camera.path, found, "several, for example --samples 64")
+
+
+def wide_lens(plan: PicturePlan, camera: CameraSpec) -> Finding | None:
+    """Return a finding if the lens that blurs a picture is wide for its focus distance."""
+    settings, width = plan.settings, 2 * camera.lens_radius
+    is_used = settings.samples > 1 and settings.depth_of_field and not plan.deep
+    if not (is_used and has_lens(camera) and width > WIDEST * camera.focus_distance):
+        return None
+    found = f"a lens {width:.3g} wide, focused at {camera.focus_distance:.3g}"
+    return finding("wide-lens", camera.path, found, "a lens of at most a tenth of that distance")
 
 
 def what_is_forced(plan: PicturePlan) -> str:

@@ -11,8 +11,8 @@ from typing import TypeAlias
 from pxr import Usd
 
 from usdsplat.delegate.scene_delegate.delegate import UsdSceneDelegate
-from usdsplat.delegate.scene_delegate.render_products import find_products
+from usdsplat.delegate.scene_delegate.render_products import find_products, read_products
 
 Stage: TypeAlias = Usd.Stage
 
-__all__ = ["Stage", "UsdSceneDelegate", "find_products"]
+__all__ = ["Stage", "UsdSceneDelegate", "find_products", "read_products"]

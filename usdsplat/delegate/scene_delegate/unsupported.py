@@ -101,9 +101,9 @@ def finding_on_input(shader: Usd.Prim, name: str, found: Any) -> Finding | None:
     fallback = FALLBACKS[name]
     if found is not None and _plain(found) == fallback:
         return None
-    said = "a connection" if found is None else str(found)
+    said = "a connection" if found is None else _text(found)
     where = f"{shader.GetPath()}.inputs:{name}"
-    return finding("unsupported-input", where, said, f"{fallback}, the fallback")
+    return finding("unsupported-input", where, said, f"{_text(fallback)}, the fallback")
 
 
 def finding_on_surface(material: Usd.Prim, shader: Usd.Prim | None, kind: str) -> Finding | None:
@@ -143,6 +143,14 @@ def _expected(code: str, name: str) -> str:
         return "splats, a mesh or a shape"
     near = difflib.get_close_matches(name, TYPES, n=1)
     return f"such as {near[0]}" if near else "a type of a schema that USD has loaded"
+
+
+def _text(value: Any) -> str:
+    """Return a number, or several, in a few digits."""
+    numbers = _plain(value)
+    if isinstance(numbers, tuple):
+        return f"({', '.join(f'{each:g}' for each in numbers)})"
+    return f"{numbers:g}" if isinstance(numbers, float) else str(numbers)
 
 
 def _plain(value: Any) -> Any:
