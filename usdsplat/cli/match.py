@@ -109,6 +109,7 @@ def run(options: Options, reporter: Reporter) -> int:
                 resolution=resolution_of(options.resolution) or (1920, 1080),
             ),
         )
+    reporter.findings.extend(report.findings)
     if options.json:
         reporter.print_json(asdict(report))
     else:
@@ -132,13 +133,25 @@ def _check_flags(options: Options) -> None:
         raise UsageError("--output", str(options.output), "a .usda, .usdc or .usd layer")
 
 
+_SOURCES = {
+    "given": "as given",
+    "file": "as the file states",
+    "format": "as usual for its format",
+    "assumed": "assumed, because the file names none",
+    "": "",
+}
+"""Where the colour space of the reference is from -> text."""
+
+
 def _told(report: MatchReport) -> str:
     """Return the report as a few lines of text."""
     before, after = report.delta_e["before"], report.delta_e["after"]
+    plate = f"{report.reference_space}, {_SOURCES[report.reference_space_source]}"
     samples = f"{report.used} of {report.samples} {report.kind}"
     lines = [
         f"{report.target}: {counted(len(report.prim_paths), 'field')} graded by {samples}",
         *(f"  prim         {path}" for path in report.prim_paths),
+        *([f"  plate        {plate}"] if report.reference_space else []),
         f"  exposure     {report.exposure:+.3f} stops",
         f"  temperature  {report.temperature:.0f} K",
         f"  tint         {report.tint:+.4f} Duv",

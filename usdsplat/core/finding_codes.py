@@ -295,6 +295,12 @@ CODES: dict[str, Code] = {
     "no-meters-per-unit": Code(
         "warning", "the stage has no metersPerUnit", "author metersPerUnit in the root layer"
     ),
+    # --- other files ---
+    "assumed-space": Code(
+        "note",
+        "a reference picture does not name its colour space",
+        "give --reference-space, or write the space into the file",
+    ),
     # --- libraries ---
     "usd-message": Code(
         "note",

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
+from pxr import Usd
 
 from usdsplat.core.cloud import F32
 from usdsplat.core.findings import Finding
 from usdsplat.core.wording import counted
-from usdsplat.schema import stock, tokens
+from usdsplat.schema import attributes, stock, tokens
 from usdsplat.schema.validation.finding import Sample
 from usdsplat.schema.validation.value_types import actual_type, expected_type
 
@@ -161,11 +164,31 @@ def scales(sample: Sample) -> Iterator[Finding]:
         found = _rows(lowest < 0, deviations)
         name = sample.name(tokens.SCALES)
         yield sample.finding("error", name, "negative-scale", found, "positive numbers", cure)
-    if (lowest == 0).any():
+    flat = lowest == 0
+    if flat.any():
         cure = "give flat splats a small thickness: other applications require scales above 0"
-        found = _rows(lowest == 0, deviations)
+        if _newborn(sample)[flat].all():
+            cure = (
+                "none is needed here: these splats begin in this sample and grow; for applications "
+                "that require scales above 0, delete the sample's splats of scale 0"
+            )
+        found = _rows(flat, deviations)
         name = sample.name(tokens.SCALES)
         yield sample.finding("warning", name, "zero-scale", found, "positive numbers", cure)
+
+
+def _newborn(sample: Sample) -> npt.NDArray[np.bool_]:
+    """Return which splats are not in the sample before, by their ids, shape (n,)."""
+    ids = sample.array(tokens.IDS)
+    none = np.zeros(sample.count, np.bool_)
+    if ids is None or len(ids) != sample.count or not sample.code.IsNumeric():
+        return none
+    times = attributes.sample_times(sample.prim, {tokens.IDS})
+    earlier = [time for time in times if time < sample.code.GetValue()]
+    if not earlier:
+        return none
+    before = replace(sample, code=Usd.TimeCode(max(earlier))).array(tokens.IDS)
+    return none if before is None else ~np.isin(ids, before)
 
 
 def _quaternions(sample: Sample) -> Iterator[Finding]:
