@@ -44,6 +44,9 @@ T = TypeVar("T")
 LOG = logging.getLogger("usdsplat")
 """Logs each prim that is not drawn once, for Python users; commands print it too."""
 
+NOWHERE = np.full((4, 4), np.nan)
+"""Transform of a prim whose own cannot be read."""
+
 CODES = {
     "field": "not-drawn",
     "mesh": "not-drawn",
@@ -253,10 +256,14 @@ class UsdSceneDelegate:
         if path in self._population.meshes:
             sources = Sources(self.stage, DirtyBits.TRANSFORM)
             frame = partial(self._skeletons.frame, sources=sources)
-        found = tuple(
-            placing.transforms(each, frame(each.levels[-1].prim), self._xforms)
-            for each in self._appearances(path)
-        )
+        appearances = self._appearances(path)
+        try:
+            found = tuple(
+                placing.transforms(each, frame(each.levels[-1].prim), self._xforms)
+                for each in appearances
+            )
+        except Tf.ErrorException:  # an xformOpOrder that USD cannot read
+            found = tuple((NOWHERE,) * len(each.levels) for each in appearances)
         if path in self._population.meshes and self._readings.put(path, "transforms", sources):
             self._varying.pop(path, None)
         finite = all(np.isfinite(matrix).all() for levels in found for matrix in levels)

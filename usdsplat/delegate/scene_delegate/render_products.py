@@ -19,7 +19,7 @@ from usdsplat.core.findings import Finding, finding
 from usdsplat.core.knobs import checked
 from usdsplat.delegate.product import ProductSpec
 from usdsplat.delegate.scene_delegate import collections
-from usdsplat.render.framing import data_window
+from usdsplat.render.framing import CONFORM, data_window
 from usdsplat.render.settings import RenderSettings, usd_names
 from usdsplat.render.specs import Framing
 
@@ -62,6 +62,7 @@ omitted."""
 
 HALF_TYPES = {"half", "half2", "half3", "half4", "color3h", "color4h", "vector3h", "point3h"}
 
+POLICY = "aspectRatioConformPolicy"
 NO_OVERRIDES: Mapping[str, Any] = MappingProxyType({})
 DISABLERS = {
     "motion_blur": ("disableMotionBlur", "instantaneousShutter"),
@@ -251,11 +252,18 @@ class _Reader:
         if not all(map(math.isfinite, window)):
             where = f"{self._giver('dataWindowNDC').GetPath()}.dataWindowNDC"
             raise StageError(where, str(window), "finite numbers")
+        ratio, policy = float(self._value("pixelAspectRatio")), str(self._value(POLICY))
+        if not 0 < ratio < math.inf:
+            where = f"{self._giver('pixelAspectRatio').GetPath()}.pixelAspectRatio"
+            raise StageError(where, f"{ratio:g}", "a positive number")
+        if policy not in CONFORM:
+            where = f"{self._giver(POLICY).GetPath()}.{POLICY}"
+            raise StageError(where, repr(policy), f"one of {', '.join(CONFORM)}")
         return Framing(
             resolution=(int(width), int(height)),
             data_window=data_window(window, (width, height)),
-            pixel_aspect_ratio=float(self._value("pixelAspectRatio")),
-            conform=str(self._value("aspectRatioConformPolicy")),
+            pixel_aspect_ratio=ratio,
+            conform=policy,
         )
 
     def _render_settings(self, overrides: Mapping[str, Any]) -> RenderSettings:
