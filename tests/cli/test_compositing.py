@@ -161,9 +161,11 @@ def test_a_lens_and_a_shutter_are_spoken_of_once(run, shot, tmp_path):
     stage.GetRootLayer().Save()
     output = ("-o", tmp_path / "a.%d.png", *SMALL)
     sentence = (
-        "one sample does not show the blur of the shutter and lens; use for example --samples 64"
+        "found one sample, which does not show the blur of the shutter and lens, expected several, "
+        "for example --samples 64"
     )
-    assert run("render", shot, *output)[2] == f"usdsplat: /World/Cam: {sentence}\n"
+    said = run("render", shot, *output)[2]
+    assert said == f"usdsplat: note [no-blur] /World/Cam: {sentence}\n"
     assert run("render", shot, *output, "--samples", 2)[2] == ""
     flags = ("--no-motion-blur", "--no-depth-of-field")
     assert run("render", shot, *output, *flags)[2] == ""

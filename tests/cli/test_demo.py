@@ -63,7 +63,7 @@ def test_the_demo_runs_from_end_to_end(run, tmp_path):
     flags = ("--splats", 1000, "--frames", 1, "--json")
     status, out, _ = run("demo", folder / "capture.ply", "-o", tmp_path / "again", *flags)
     assert status == 0
-    again = [item["path"].rsplit("/", 1)[1] for item in json.loads(out)]
+    again = [item["path"].rsplit("/", 1)[1] for item in json.loads(out)["files"]]
     assert again == [name for name in told[1:] if "coarse" not in name]
     layers, assets, missing = UsdUtils.ComputeAllDependencies(str(folder / "stage.usda"))
     assert (len(layers), list(assets), list(missing)) == (2, [], [])

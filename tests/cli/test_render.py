@@ -114,7 +114,7 @@ def test_the_header_says_how_it_was_drawn(run, shot, tmp_path):
 
 def test_a_sequence_is_one_file_a_frame(run, run_json, shot, tmp_path, pictured):
     """Oracle: the engine at each frame; without --frames the stage's range is drawn."""
-    drawn = run_json("render", shot, "-o", tmp_path / "a.###.exr", *SMALL, "--float")
+    drawn = run_json("render", shot, "-o", tmp_path / "a.###.exr", *SMALL, "--float")["pictures"]
     assert [item["frame"] for item in drawn] == [1, 2, 3, 4]
     assert [item["splats"] for item in drawn] == [300] * 4
     for item in drawn:
@@ -129,7 +129,9 @@ def test_resume_draws_what_is_missing(run_json, shot, tmp_path):
     """Oracle: the file that was there is not touched, the others come."""
     (tmp_path / "a.2.png").write_bytes(b"here already")
     output = tmp_path / "a.%d.png"
-    drawn = run_json("render", shot, "-o", output, "--frames", "1-3", "--resume", *SMALL)
+    drawn = run_json("render", shot, "-o", output, "--frames", "1-3", "--resume", *SMALL)[
+        "pictures"
+    ]
     assert [item["frame"] for item in drawn] == [1, 3]
     assert (tmp_path / "a.2.png").read_bytes() == b"here already"
 
@@ -143,7 +145,7 @@ def test_resume_with_nothing_to_do_says_so(run, shot, tmp_path):
 
 def test_a_capture_is_framed_by_a_camera_of_its_own(run_json, capture, tmp_path):
     """Oracle: the ball is whole: it touches no edge of the picture, and fills a good part."""
-    (item,) = run_json("render", capture, "-o", tmp_path / "a.png", *SMALL)
+    (item,) = run_json("render", capture, "-o", tmp_path / "a.png", *SMALL)["pictures"]
     assert item["camera"] is None
     alpha = read(item["path"])[..., 3]
     edges = (alpha[0], alpha[-1], alpha[:, 0], alpha[:, -1])
@@ -167,7 +169,7 @@ def moving(tmp_path):
 def test_a_camera_that_frames_a_sequence_stands_still(run_json, moving, tmp_path):
     """Oracle: one matrix in all headers; the ball is whole in every frame and moves to the right
     by more than its own size; a run that resumes sees the same."""
-    drawn = run_json("render", moving, "-o", tmp_path / "a.%d.exr", *SMALL)
+    drawn = run_json("render", moving, "-o", tmp_path / "a.%d.exr", *SMALL)["pictures"]
     pictures = [read(item["path"])[..., 3] for item in drawn]
     matrices = {header(item["path"]).getattribute("worldToCamera") for item in drawn}
     assert (len(drawn), len(matrices)) == (3, 1)
@@ -176,7 +178,9 @@ def test_a_camera_that_frames_a_sequence_stands_still(run_json, moving, tmp_path
     for alpha in pictures:
         assert max(edge.max() for edge in (alpha[0], alpha[-1], alpha[:, 0], alpha[:, -1])) < 0.05
     (tmp_path / "a.3.exr").unlink()
-    (again,) = run_json("render", moving, "-o", tmp_path / "a.%d.exr", *SMALL, "--resume")
+    (again,) = run_json("render", moving, "-o", tmp_path / "a.%d.exr", *SMALL, "--resume")[
+        "pictures"
+    ]
     np.testing.assert_array_equal(read(again["path"])[..., 3], pictures[2])
 
 
@@ -200,7 +204,10 @@ def test_a_camera_goes_by_name_or_path(run, run_json, shot, tmp_path):
     """Oracle: the path in the report; a name that two cameras have is refused with both paths."""
     output = ("-o", tmp_path / "a.png", *SMALL)
     for name in ("Cam", "/World/Cam"):
-        assert run_json("render", shot, "--camera", name, *output)[0]["camera"] == "/World/Cam"
+        assert (
+            run_json("render", shot, "--camera", name, *output)["pictures"][0]["camera"]
+            == "/World/Cam"
+        )
     stage = Usd.Stage.Open(str(shot))
     UsdGeom.Camera.Define(stage, "/Other/Cam")
     stage.GetRootLayer().Save()
@@ -232,7 +239,7 @@ def products(shot, tmp_path):
 
 def test_a_stages_products_drive(run_json, products, tmp_path):
     """Oracle: the prims: two files a frame, each of the size and contents that its prim says."""
-    drawn = run_json("render", products, "--frames", "1-2")
+    drawn = run_json("render", products, "--frames", "1-2")["pictures"]
     assert [(item["path"].rsplit("/", 1)[-1], item["resolution"]) for item in drawn] == [
         ("deep.0001.exr", [40, 20]),
         ("look.0001.png", [20, 10]),
@@ -245,7 +252,7 @@ def test_a_stages_products_drive(run_json, products, tmp_path):
 
 def test_a_file_that_is_named_gets_the_first_product(run_json, products, tmp_path):
     """Oracle: the order of the settings' relationship, which begins with /Render/deep, 40 x 20."""
-    (item,) = run_json("render", products, "-o", tmp_path / "a.exr", "--frames", 1)
+    (item,) = run_json("render", products, "-o", tmp_path / "a.exr", "--frames", 1)["pictures"]
     assert (item["path"], item["resolution"]) == (str(tmp_path / "a.exr"), [40, 20])
     assert header(item["path"]).channelnames == ("R", "G", "B", "A", "Z")
 
@@ -253,7 +260,7 @@ def test_a_file_that_is_named_gets_the_first_product(run_json, products, tmp_pat
 def test_flags_replace_what_products_say(run_json, products, tmp_path):
     """Oracle: the flags."""
     flags = ("--product", "/Render/deep", "--aovs", "color", *SMALL, "--frames", 1)
-    (item,) = run_json("render", products, "-o", tmp_path / "a.exr", *flags)
+    (item,) = run_json("render", products, "-o", tmp_path / "a.exr", *flags)["pictures"]
     assert item["path"] == str(tmp_path / "a.exr")
     assert item["resolution"] == [48, 32]
     assert header(item["path"]).channelnames == ("R", "G", "B", "A")
@@ -267,7 +274,7 @@ def test_crops_keep_their_place(run_json, products, tmp_path, pictured):
     window.Set(Gf.Vec4f(0.25, 0.0, 1.0, 0.5))
     stage.GetRootLayer().Save()
     flags = ("--product", "/Render/deep", "--frames", 2, "--float")
-    (item,) = run_json("render", products, *flags)
+    (item,) = run_json("render", products, *flags)["pictures"]
     spec = header(item["path"])
     assert (spec.x, spec.y, spec.width, spec.height) == (10, 10, 30, 10)
     assert (spec.full_width, spec.full_height) == (40, 20)
@@ -282,9 +289,9 @@ def test_purposes_decide_what_is_seen(run_json, shot, tmp_path):
     UsdGeom.Imageable(guide).GetPurposeAttr().Set("guide")
     stage.GetRootLayer().Save()
     output = ("-o", tmp_path / "a.png", *SMALL)
-    assert run_json("render", shot, *output)[0]["splats"] == 300
+    assert run_json("render", shot, *output)["pictures"][0]["splats"] == 300
     purposes = ("--purposes", "default, guide")
-    assert run_json("render", shot, *output, *purposes)[0]["splats"] == 350
+    assert run_json("render", shot, *output, *purposes)["pictures"][0]["splats"] == 350
 
 
 def test_a_field_that_cannot_be_drawn_is_said(run, shot, tmp_path):
@@ -295,7 +302,7 @@ def test_a_field_that_cannot_be_drawn_is_said(run, shot, tmp_path):
     stage.GetRootLayer().Save()
     status, out, err = run("render", shot, "-o", tmp_path / "a.png", *SMALL)
     assert (status, out) == (0, f"{tmp_path}/a.png\n")
-    assert err.startswith("usdsplat: /World/Bad")
+    assert err.startswith("usdsplat: error [not-drawn] /World/Bad")
     assert err.endswith("; it is not drawn\n")
     assert len(err.splitlines()) == 1
 
@@ -378,6 +385,6 @@ def test_a_process_is_quiet_and_reports_its_threads(shot, tmp_path):
     a run is that takes longer than a second."""
     run = shell("render", shot, "-o", tmp_path / "a.exr", "--threads", 1, *SMALL, "--json")
     assert run.returncode == 0
-    assert json.loads(run.stdout)[0]["path"] == str(tmp_path / "a.exr")
+    assert json.loads(run.stdout)["pictures"][0]["path"] == str(tmp_path / "a.exr")
     said = [line for line in run.stderr.splitlines() if "compiling kernels" not in line]
     assert [line for line in said if re.fullmatch(r"usdsplat: .* \d+/\d+.*", line) is None] == []

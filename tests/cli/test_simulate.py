@@ -119,7 +119,10 @@ def test_a_preset_of_a_capture_can_be_simulated(name, run, capture, tmp_path):
 def test_a_preset_of_a_stage_refers_to_it(run_json, shot, tmp_path):
     """Oracle: the sublayer, and no copy of the capture."""
     made = tmp_path / "push.usda"
-    assert run_json("simulate", "--preset", "push", shot, "-o", made) == {"files": [str(made)]}
+    assert run_json("simulate", "--preset", "push", shot, "-o", made) == {
+        "files": [str(made)],
+        "findings": [],
+    }
     assert list(Sdf.Layer.FindOrOpen(str(made)).subLayerPaths) == ["./shot.usda"]
 
 

@@ -2,15 +2,24 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import pytest
 from pxr import Sdf, Usd, UsdGeom
 
 from usdsplat import schema
+from usdsplat.cli import stages
+from usdsplat.cli.main import main
+from usdsplat.cli.reporting import Reporter, ReportingOptions
 from usdsplat.cli.stage_options import StageOptions
-from usdsplat.cli.stages import open_stage, open_stage_or_capture
 from usdsplat.core.errors import StageError, UsageError
+
+REPORTER = Reporter(ReportingOptions())
+open_stage_or_capture = partial(stages.open_stage_or_capture, reporter=REPORTER)
+
+
+open_stage = partial(stages.open_stage, reporter=REPORTER)
 
 
 @pytest.fixture
@@ -128,16 +137,17 @@ def test_a_capture_has_no_variants(capture):
 
 def test_usd_says_nothing_and_we_say_one_sentence(layered, capfd):
     """Oracle: a muted sublayer is what was asked for; a missing one is named once, not by USD."""
-    open_stage(layered, StageOptions(mute=("strong",)))
-    assert capfd.readouterr() == ("", "")
+    assert main(["info", str(layered), "--mute", "strong", "-q"]) == 0
+    assert capfd.readouterr().err == ""
     root = Sdf.Layer.FindOrOpen(str(layered))
     root.subLayerPaths.append("./gone.usda")
     root.Save()
     capfd.readouterr()
-    open_stage(layered, StageOptions())
-    out, err = capfd.readouterr()
-    assert (out, len(err.splitlines())) == ("", 1)
-    assert err.startswith("usdsplat: Could not load sublayer @") and "gone.usda" in err
+    assert main(["info", str(layered)]) == 0
+    _, err = capfd.readouterr()
+    assert len(err.splitlines()) == 1
+    assert err.startswith("usdsplat: error [missing-asset] /: found no sublayer ")
+    assert "gone.usda" in err
 
 
 def test_a_muted_reference_is_not_remarked_on(layered, tmp_path, capfd):
@@ -147,9 +157,8 @@ def test_a_muted_reference_is_not_remarked_on(layered, tmp_path, capfd):
     stage.GetRootLayer().Save()
     del stage
     capfd.readouterr()
-    stage = open_stage(layered, StageOptions(mute=("weak",)))
-    assert not stage.GetPrimAtPath("/Ref/Ball")
-    assert capfd.readouterr() == ("", "")
+    assert main(["info", str(layered), "--mute", "weak", "-v"]) == 0
+    assert capfd.readouterr().err == ""
 
 
 @pytest.mark.parametrize(("name", "found"), [("ball.ply", "a capture"), (".", "a directory")])

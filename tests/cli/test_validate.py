@@ -22,8 +22,10 @@ def break_scales(shot):
 
 def test_a_clean_stage_is_status_0(run, run_json, shot):
     """Oracle: the fixture is written by our own author, which must satisfy our own rules."""
-    assert run("validate", shot) == (0, f"{shot}: 0 errors, 0 warnings\n", "")
-    assert run_json("validate", shot) == []
+    status, out, err = run("validate", shot)
+    assert (status, err) == (0, "")
+    assert out.startswith(f"{shot}: 0 errors, 0 warnings; looked at 2 layers, 3 prims, 1 field, ")
+    assert run_json("validate", shot)["findings"] == []
 
 
 def test_a_broken_stage_is_status_1_and_says_the_cure(run, shot):
@@ -33,9 +35,9 @@ def test_a_broken_stage_is_status_1_and_says_the_cure(run, shot):
     status, out, err = run("validate", shot)
     assert (status, err) == (1, "")
     first, cure, *_ = out.splitlines()
-    assert first.startswith("error: /World/Ball.scales: found ")
+    assert first.startswith("error [negative-scale] /World/Ball.scales: found ")
     assert cure.startswith("  cure: ")
-    assert out.splitlines()[-1] == f"{shot}: 1 error, 1 warning"
+    assert out.splitlines()[-1].startswith(f"{shot}: 1 error, 1 warning; looked at ")
 
 
 def test_findings_say_which_published_rule_they_break(run, shot):
@@ -47,16 +49,16 @@ def test_findings_say_which_published_rule_they_break(run, shot):
     status, out, _ = run("validate", shot)
     assert status == 1
     assert out.count("  rule: VG.035 of NVIDIA's validator for splats\n") == 1
-    told = json.loads(run("validate", shot, "--json")[1])
-    rules = {finding["name"]: finding["rule"] for finding in told}
-    assert (rules["negativeScale"], rules["noColorSpace"]) == ("VG.035", "")
+    told = json.loads(run("validate", shot, "--json")[1])["findings"]
+    rules = {finding["code"]: finding["rule"] for finding in told}
+    assert (rules["negative-scale"], rules["no-color-space"]) == ("VG.035", "")
 
 
 def test_json_findings_carry_every_field(run, shot):
     """Oracle: the fields of schema.Finding."""
     break_scales(shot)
     status, out, _ = run("validate", shot, "--json")
-    finding = json.loads(out)[0]
+    finding = json.loads(out)["findings"][0]
     assert status == 1
     assert (finding["severity"], finding["path"]) == ("error", "/World/Ball")
     assert finding["attribute"] == "scales"
@@ -85,7 +87,10 @@ def found_in(simulation, run):
     """Findings as (severity, where, name), and the status."""
     simulation.GetRootLayer().Save()
     status, out, _ = run("validate", simulation.GetRootLayer().realPath, "--json")
-    found = [(x["severity"], f"{x['path']}.{x['attribute']}", x["name"]) for x in json.loads(out)]
+    found = [
+        (x["severity"], f"{x['path']}.{x['attribute']}", x["code"])
+        for x in json.loads(out)["findings"]
+    ]
     return status, found
 
 
@@ -97,12 +102,12 @@ def test_nothing_is_wrong_with_a_simulation(simulation, run):
 @pytest.mark.parametrize(
     ("name", "kind", "values", "expected"),
     [
-        ("rd:fed", "float", [0.1], ("warning", "rd:fed", "unused")),
+        ("rd:fed", "float", [0.1], ("warning", "rd:fed", "unknown-name")),
         ("sim:seed", "int", [1, 2], ("warning", "sim:seed", "unused")),
         ("growth:rate", "float", [1.0], ("warning", "growth:rate", "unused")),
-        ("settle:omega", "float", [500.0], ("error", "settle:omega", "notSimulated")),
-        ("settle:delay", "float", [1.0, -1.0], ("error", "settle:delay", "notSimulated")),
-        ("rd:enabled", "string", ["yes"], ("error", "rd:enabled", "notSimulated")),
+        ("settle:omega", "float", [500.0], ("error", "settle:omega", "not-simulated")),
+        ("settle:delay", "float", [1.0, -1.0], ("error", "settle:delay", "not-simulated")),
+        ("rd:enabled", "string", ["yes"], ("error", "rd:enabled", "not-simulated")),
     ],
 )
 def test_a_simulations_parameters_are_validated(name, kind, values, expected, simulation, run):
@@ -129,10 +134,10 @@ def test_what_a_simulation_names_and_is_not_there_is_found(simulation, run):
     prim.CreateRelationship("splatSim:conform:target").SetTargets(["/No"])
     found = found_in(simulation, run)
     assert found[0] == 1
-    assert ("error", "/World/Sim.splatSim:conform:target", "notSimulated") in found[1]
+    assert ("error", "/World/Sim.splatSim:conform:target", "not-simulated") in found[1]
     prim.RemoveProperty("splatSim:conform:target")
     author(UsdGeom.Cone.Define(simulation, "/World/Cone").GetPrim(), {"affector:friction": 0.1})
-    assert found_in(simulation, run) == (1, [("error", "/World/Cone.", "notSimulated")])
+    assert found_in(simulation, run) == (1, [("error", "/World/Cone.", "not-simulated")])
 
 
 def test_a_bake_without_its_data_is_found(simulation, run, tmp_path):
@@ -142,6 +147,6 @@ def test_a_bake_without_its_data_is_found(simulation, run, tmp_path):
     assert run("validate", bake)[0] == 0
     (tmp_path / "bake_data").rename(tmp_path / "elsewhere")
     status, out, _ = run("validate", bake, "--json")
-    found = json.loads(out)
-    assert status == 1 and [each["name"] for each in found] == ["noResults"]
-    assert "bake_data/samples.usdc" in found[0]["found"]
+    found = json.loads(out)["findings"]
+    assert status == 1 and [each["code"] for each in found] == ["missing-asset", "no-results"]
+    assert "bake_data/samples.usdc" in found[1]["found"]

@@ -126,7 +126,7 @@ def test_the_first_frame_decides_for_a_sequence(tmp_path: Path) -> None:
     for frame, axes in ((1, "rub"), (2, "rdf")):
         formats.write(turned(cone(), axes), tmp_path / f"cap.{frame}.ply")
     assert gather([tmp_path / "cap.2.ply"]).frame == "rdf"
-    report = import_sequence(tmp_path / "cap.#.ply", tmp_path / "a.usda")
+    report = import_sequence(tmp_path / "cap.%d.ply", tmp_path / "a.usda")
     assert (report.frame, report.frame_source) == ("rub", "evidence")
     assert [note for note in report.notes if "by the evidence" in note] != []
     assert not any(note.startswith("frame") for note in report.notes)

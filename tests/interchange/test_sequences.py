@@ -81,8 +81,8 @@ def test_other_forms_hold_what_they_hold_of_one_capture(tmp_path, form: str, cli
         read = formats.read(tmp_path / f"cap.{frame:04d}.ply").cloud
         field = schema.author(alone, f"/Frame{frame}", read, form=form)
         assert_same(replace(schema.fetch(prim, frame), ids=None), schema.fetch(field))
-    found = [finding.name for finding in schema.validate(stage)]
-    assert found == (["halfOnly"] if form == "half" else [])
+    found = [finding.code for finding in schema.validate(stage)]
+    assert found == (["half-only"] if form == "half" else [])
 
 
 @pytest.mark.parametrize("clips", [False, True])

@@ -1,4 +1,4 @@
-"""Tests of the remarks of `usdsplat render`."""
+"""Tests of the findings on pictures of `usdsplat render`."""
 
 from __future__ import annotations
 
@@ -20,13 +20,16 @@ def change(shot, edit):
 @pytest.mark.parametrize(
     ("edit", "why"),
     [
-        (lambda s: s.RemovePrim("/World/Ball"), "the stage has no splats"),
-        (lambda s: UsdGeom.Imageable(s.GetPrimAtPath("/World")).MakeInvisible(), "all splats are"),
+        (lambda s: s.RemovePrim("/World/Ball"), "a stage without splats or surfaces"),
+        (
+            lambda s: UsdGeom.Imageable(s.GetPrimAtPath("/World")).MakeInvisible(),
+            "only splats that are hidden",
+        ),
         (
             lambda s: (
                 s.GetPrimAtPath("/World/Cam").GetAttribute("xformOp:translate").Set((0, 0, -9))
             ),
-            "no splats are in view",
+            "no splats in view",
         ),
     ],
 )
@@ -36,7 +39,7 @@ def test_a_picture_of_nothing_says_why_once(run, shot, tmp_path, edit, why):
     change(shot, edit)
     status, out, err = run("render", shot, "-o", tmp_path / "a.%d.png", *SMALL)
     assert (status, len(out.splitlines())) == (0, 4)
-    assert err.startswith(f"usdsplat: {tmp_path}/a.1.png: nothing is drawn: {why}")
+    assert err.startswith(f"usdsplat: error [nothing-to-draw] /World/Cam: found {why}")
     assert len(err.splitlines()) == 1
 
 

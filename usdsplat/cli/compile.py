@@ -21,15 +21,18 @@ notes:
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
 from usdsplat.cli import console
 from usdsplat.cli.arguments import option
+from usdsplat.cli.reporting import Reporter, ReportingOptions
 from usdsplat.core.errors import BackendError, UsageError
 from usdsplat.core.wording import counted
 from usdsplat.kernels.cuda.support import Capability
+
+USES_USD = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,9 +49,10 @@ class Options:
     """number of processes that compile at the same time; default: one per core"""
     json: Annotated[bool, option()] = False
     """print one JSON object with the folder and the number of kernels"""
+    reporting: ReportingOptions = field(default_factory=ReportingOptions)
 
 
-def run(options: Options) -> int:
+def run(options: Options, reporter: Reporter) -> int:
     """Compile all kernels. Print their number and folder."""
     from usdsplat.kernels import ahead, store
 
@@ -62,10 +66,10 @@ def run(options: Options) -> int:
         raise UsageError("--cache-dir", store.refusal(), "a folder that can be written")
     targets = _targets(options)
     tasks = [task for each in targets for task in ahead.tasks(*each)]
-    with console.progress() as progress:
+    with reporter.progress() as progress:
         failed = ahead.compile_all(tasks, jobs=options.jobs, progress=progress)
     for task, problem in failed:
-        console.remark(f"{task.name} for {task.device}: {problem}")
+        reporter.remark(f"{task.name} for {task.device}: {problem}")
     if failed:
         found = f"{counted(len(failed), 'kernel')} of {len(tasks)} that failed"
         raise BackendError("compile", found, "none")

@@ -38,9 +38,10 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from usdsplat.cli import console, edit_flags
+from usdsplat.cli import edit_flags
 from usdsplat.cli.convert_options import Options, check, switches
 from usdsplat.cli.edit_flags import edits_of
+from usdsplat.cli.reporting import Reporter
 from usdsplat.cli.values import time_code
 from usdsplat.core.errors import UsageError
 from usdsplat.core.wording import counted
@@ -58,11 +59,12 @@ def arranged(words: Sequence[str]) -> list[str]:
     return edit_flags.arranged(words, switches())
 
 
-def run(options: Options) -> int:
+def run(options: Options, reporter: Reporter) -> int:
     """Convert the files and print a report."""
     from usdsplat.formats import ReadOptions, WriteOptions
     from usdsplat.images.frame_numbers import parse_frames
-    from usdsplat.interchange import convert
+    from usdsplat.interchange import ImportReport, convert
+    from usdsplat.interchange.files import is_usd, open_stage
     from usdsplat.interchange.options import (
         RATE,
         ExportOptions,
@@ -76,12 +78,18 @@ def run(options: Options) -> int:
     edits = edits_of(options.edit)
     check(options, sources, target)
     stage, frames, captures = options.stage_output, options.sequence, options.capture
+    if reporter.findings.is_strict:
+        from usdsplat.schema.composition import composition_findings
+
+        for source in filter(is_usd, sources):
+            reporter.findings.extend(composition_findings(open_stage(source)))
+        reporter.findings.check()
     form: Form = "packed" if stage.packed else "half" if stage.half else "float"
     with ExitStack() as during:
         if any(edit.kind.compiles for edit in edits):
             from usdsplat.kernels.compiling import on_compile
 
-            during.enter_context(on_compile(console.announce_compilation(_COMPILING)))
+            during.enter_context(on_compile(reporter.announce_compilation(_COMPILING)))
         report = convert(
             sources,
             target,
@@ -107,10 +115,12 @@ def run(options: Options) -> int:
                 rate=RATE if frames.rate is None else frames.rate,
                 interpolate=frames.interpolate,
             ),
-            progress=during.enter_context(console.progress()),
+            progress=during.enter_context(reporter.progress()),
         )
+    if not isinstance(report, ImportReport):
+        reporter.findings.extend(report.findings)
     if options.json:
-        console.print_json(asdict(report))
+        reporter.print_json(asdict(report))
     else:
         print(_told(report))
     return 0

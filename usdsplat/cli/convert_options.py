@@ -9,6 +9,7 @@ from typing import Annotated, Any
 
 from usdsplat.cli.arguments import option, positional
 from usdsplat.cli.edit_flags import EditFlags
+from usdsplat.cli.reporting import ReportingOptions
 from usdsplat.core.errors import UsageError
 
 
@@ -88,6 +89,7 @@ class Options:
     sequence: Frames = field(default_factory=Frames)
     capture: Captures = field(default_factory=Captures)
     edit: EditFlags = field(default_factory=EditFlags)
+    reporting: ReportingOptions = field(default_factory=ReportingOptions)
 
 
 _MEANINGFUL = {
@@ -111,9 +113,9 @@ _OF_FRAMES = {
 
 def switches() -> set[str]:
     """Return the options that take no value."""
-    groups = (Options, StageWritten, StageRead, Frames, Captures)
+    groups = (Options, StageWritten, StageRead, Frames, Captures, ReportingOptions)
     off = [item.name for group in groups for item in fields(group) if item.default is False]
-    return {"--help", "-h", *map(_flag, off)}
+    return {"--help", "-h", "-q", "-v", *map(_flag, off)}
 
 
 def check(options: Options, sources: Sequence[Path], target: str) -> None:

@@ -18,8 +18,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
-from usdsplat.cli import console
 from usdsplat.cli.arguments import option, positional
+from usdsplat.cli.reporting import Reporter, ReportingOptions
 
 COMPILING = "compiling kernels, once for this machine; it takes a minute or two"
 
@@ -39,7 +39,8 @@ class Options:
     threads: Annotated[int | None, option("N")] = None
     """number of threads; default: all cores"""
     json: Annotated[bool, option()] = False
-    """print one JSON list of the files with a description of each"""
+    """print one JSON object with the files and a description of each"""
+    reporting: ReportingOptions = field(default_factory=ReportingOptions)
 
 
 @dataclass(slots=True, kw_only=True)
@@ -55,15 +56,15 @@ class Results:
         if not self.is_json:
             print(f"{path!s:<28} {text}", flush=True)
 
-    def finish(self, advice: str) -> None:
+    def finish(self, advice: str, reporter: Reporter) -> None:
         """Print the advice, or the JSON list of files."""
         if self.is_json:
-            console.print_json(self.told)
+            reporter.print_json({"files": self.told})
         else:
             print(advice)
 
 
-def run(options: Options) -> int:
+def run(options: Options, reporter: Reporter) -> int:
     """Run the demo. Print each file with a description."""
     from usdsplat.kernels.compiling import compile_time, on_compile
     from usdsplat.products.demo import DemoRequest, make_demo
@@ -78,9 +79,9 @@ def run(options: Options) -> int:
     )
     with (
         compile_time() as compiled,
-        console.progress(compiled) as progress,
-        on_compile(console.announce_compilation(COMPILING)),
+        reporter.progress(compiled) as progress,
+        on_compile(reporter.announce_compilation(COMPILING)),
     ):
         stage = make_demo(request, progress=progress, tell=results.tell)
-    results.finish(f"next: usdsplat info {stage}")
+    results.finish(f"next: usdsplat info {stage}", reporter)
     return 0

@@ -20,8 +20,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from usdsplat.cli import console
 from usdsplat.cli.arguments import option, positional
+from usdsplat.cli.reporting import Reporter, ReportingOptions
 from usdsplat.cli.stage_options import StageOptions
 from usdsplat.cli.values import time_code
 from usdsplat.core.errors import UsageError
@@ -43,9 +43,10 @@ class Options:
     plot: Annotated[Path | None, option("FILE")] = None
     """also write a page with histograms and views from front, right and above: .png or .html"""
     opening: StageOptions = field(default_factory=StageOptions)
+    reporting: ReportingOptions = field(default_factory=ReportingOptions)
 
 
-def run(options: Options) -> int:
+def run(options: Options, reporter: Reporter) -> int:
     """Print a description of the file."""
     from usdsplat.cli.stages import check_no_stage_options
     from usdsplat.interchange.files import is_usd
@@ -55,60 +56,65 @@ def run(options: Options) -> int:
 
         check_target(options.plot, options.file)
     if is_usd(options.file):
-        described = _stage(options)
+        described = _stage(options, reporter)
     else:
         check_no_stage_options(options.file, options.opening)
         if time_code(options.frame) is not None:
             raise UsageError("--frame", f"a capture, {options.file}", "a stage")
-        described = _capture(options)
+        described = _capture(options, reporter)
     if options.json:
-        console.print_json(described)
+        reporter.print_json(described)
     else:
         print("\n".join(_lines(described, "")))
     return 0
 
 
-def _stage(options: Options) -> dict[str, Any]:
+def _stage(options: Options, reporter: Reporter) -> dict[str, Any]:
     """Describe a stage, and draw it if asked."""
     from usdsplat.cli.stages import open_stage
     from usdsplat.products import summary
 
     time = time_code(options.frame)
-    with console.progress() as progress:
-        stage = open_stage(options.file, options.opening)
+    with reporter.progress() as progress:
+        stage = open_stage(options.file, options.opening, reporter)
         described = summary.of_stage(stage, time, progress=progress)
     described = {"file": str(options.file), **described}
     if options.plot:
         from usdsplat.products import report
 
-        _draw(options, described, partial(report.of_stage, stage, time))
+        reporter.findings.check()
+        make = partial(report.of_stage, stage, time)
+        _draw(options, described, make, reporter)
     return described
 
 
-def _capture(options: Options) -> dict[str, Any]:
+def _capture(options: Options, reporter: Reporter) -> dict[str, Any]:
     """Describe a capture, and draw it if asked."""
     from usdsplat import formats
     from usdsplat.products import summary
 
-    with console.progress() as progress:
+    with reporter.progress() as progress:
         capture = formats.read(options.file, progress=progress)
     described = {"file": str(options.file), **summary.of_capture(capture)}
     if options.plot:
         from usdsplat.products import report
 
-        _draw(options, described, partial(report.of_capture, capture))
+        _draw(options, described, partial(report.of_capture, capture), reporter)
     return described
 
 
 def _draw(
-    options: Options, described: dict[str, Any], make: Callable[[str, list[str]], Report]
+    options: Options,
+    described: dict[str, Any],
+    make: Callable[[str, list[str]], Report],
+    reporter: Reporter,
 ) -> None:
     """Write the page that `make` returns for a title and the printed text."""
     from usdsplat.kernels.compiling import on_compile
     from usdsplat.products import report
 
     assert options.plot is not None  # checked by the callers
-    with on_compile(console.announce_compilation()):
+    with on_compile(reporter.announce_compilation()):
         page = make(options.file.name, _lines(described, ""))
     report.write(page, options.plot)
 

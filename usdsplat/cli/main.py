@@ -1,8 +1,8 @@
 """Select a command, parse its options, run it, and turn errors into one line and a status.
 
 A command is a module of this package, with _ for -. It has a dataclass `Options`, whose fields are
-its arguments, and `run(options)`, which returns the exit status. Its docstring is its help. It may
-have `arranged(words)`, which reorders the command line before it is parsed.
+its arguments, and `run(options, reporter)`, which returns the exit status. Its docstring is its
+help. It may have `arranged(words)`, which reorders the command line before it is parsed.
 Only the module of the command is loaded, and USD and Numba only when it runs. Help is therefore
 shown at once.
 """
@@ -14,7 +14,7 @@ import logging
 import os
 import sys
 from collections.abc import Sequence
-from typing import Any, Protocol
+from typing import Any
 
 from usdsplat import __version__
 from usdsplat.cli.flag_names import as_typed
@@ -23,7 +23,7 @@ from usdsplat.core.errors import BackendError, UsageError, UsdSplatError
 COMMANDS = {
     "convert": "convert captures to a stage, a stage to captures, or either to another of its kind",
     "info": "describe a capture or a stage",
-    "validate": "check the splats and simulations of a stage, and say how to fix each problem",
+    "validate": "check stages for what other commands would stop at, and say how to fix it",
     "view": "show a stage or a capture in a window or a browser",
     "render": "render a stage or a capture to EXR or PNG",
     "simulate": "simulate the splats of a stage, and bake the result into a layer",
@@ -49,22 +49,13 @@ examples:
 usdsplat COMMAND --help describes a command; usdsplat --version prints the version."""
 
 
-class Command(Protocol):
-    """Module of a command."""
-
-    Options: type
-
-    def run(self, options: Any) -> int:
-        """Run the command and return the exit status."""
-
-
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command in `argv`, which lacks the program's name. None stands for `sys.argv[1:]`.
 
     Returns:
-        Exit status: 0 for success, 1 if `validate` found errors, 2 for an error that is explained
-        in one line on stderr, 130 after Ctrl-C. Any other exception is a bug and keeps its
-        traceback.
+        Exit status: 0 for success, 1 if `validate` found errors or a strict command has findings,
+        2 for an error that is explained in one line on stderr, 130 after Ctrl-C. Any other
+        exception is a bug and keeps its traceback.
     """
     log = logging.getLogger(
         "usdsplat"
@@ -109,16 +100,17 @@ def _run(arguments: list[str]) -> int:
         return 0
     if name not in COMMANDS:
         raise UsageError("command", repr(name), f"one of {', '.join(COMMANDS)}")
-    command: Command = importlib.import_module(_module(name))
+    command: Any = importlib.import_module(_module(name))
     from usdsplat.cli.parsing import parse
     from usdsplat.cli.renamed_flags import renamed
+    from usdsplat.cli.reporting import reported
 
     arranged = getattr(command, "arranged", list)
     words = arranged(renamed(rest))
     options = parse(command.Options, name, command.__doc__ or "", words)
     if isinstance(options, int):
         return options
-    return command.run(options)
+    return reported(command, options)
 
 
 def _flags_of(arguments: list[str]) -> set[str]:

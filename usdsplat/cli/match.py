@@ -23,8 +23,8 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from usdsplat.cli import console
 from usdsplat.cli.arguments import option, positional
+from usdsplat.cli.reporting import Reporter, ReportingOptions
 from usdsplat.cli.stage_options import StageOptions
 from usdsplat.cli.values import resolution_of, time_code
 from usdsplat.core.errors import UsageError
@@ -67,9 +67,10 @@ class Options:
     json: Annotated[bool, option()] = False
     """print one JSON object with the result"""
     opening: StageOptions = field(default_factory=StageOptions)
+    reporting: ReportingOptions = field(default_factory=ReportingOptions)
 
 
-def run(options: Options) -> int:
+def run(options: Options, reporter: Reporter) -> int:
     """Fit a grade, write the layer, and print the result."""
     from usdsplat.cli.stages import open_stage
     from usdsplat.delegate.engine import Engine
@@ -81,16 +82,18 @@ def run(options: Options) -> int:
     check_suffix(options.output)
     time = time_code(options.frame)
     keep = (options.camera,) if options.camera and options.camera[0] == "/" else ()
-    stage = open_stage(options.stage, options.opening, keep=keep)
+    stage = open_stage(options.stage, options.opening, reporter, keep=keep)
     check_not_input(options.output, layer_files(stage))
     if time is None and stage.HasAuthoredTimeCodeRange():
         time = stage.GetStartTimeCode()
     with (
-        on_compile(console.announce_compilation()),
+        on_compile(reporter.announce_compilation()),
         Engine(stage, device=options.device, threads=options.threads, time=time) as engine,
     ):
-        for warning in engine.warnings:
-            console.remark(warning)
+        if engine.remark:
+            reporter.remark(engine.remark)
+        reporter.findings.extend(engine.findings)
+        reporter.findings.check()
         report = match(
             engine,
             stage,
@@ -106,8 +109,9 @@ def run(options: Options) -> int:
                 resolution=resolution_of(options.resolution) or (1920, 1080),
             ),
         )
+    reporter.findings.extend(report.findings)
     if options.json:
-        console.print_json(asdict(report))
+        reporter.print_json(asdict(report))
     else:
         print(_told(report))
     return 0
@@ -129,13 +133,25 @@ def _check_flags(options: Options) -> None:
         raise UsageError("--output", str(options.output), "a .usda, .usdc or .usd layer")
 
 
+_SOURCES = {
+    "given": "as given",
+    "file": "as the file states",
+    "format": "as usual for its format",
+    "assumed": "assumed, because the file names none",
+    "": "",
+}
+"""Where the colour space of the reference is from -> text."""
+
+
 def _told(report: MatchReport) -> str:
     """Return the report as a few lines of text."""
     before, after = report.delta_e["before"], report.delta_e["after"]
+    plate = f"{report.reference_space}, {_SOURCES[report.reference_space_source]}"
     samples = f"{report.used} of {report.samples} {report.kind}"
     lines = [
         f"{report.target}: {counted(len(report.prim_paths), 'field')} graded by {samples}",
         *(f"  prim         {path}" for path in report.prim_paths),
+        *([f"  plate        {plate}"] if report.reference_space else []),
         f"  exposure     {report.exposure:+.3f} stops",
         f"  temperature  {report.temperature:.0f} K",
         f"  tint         {report.tint:+.4f} Duv",

@@ -20,13 +20,16 @@ from __future__ import annotations
 
 import os
 import shlex
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
 from usdsplat.cli.arguments import option
+from usdsplat.cli.reporting import Reporter, ReportingOptions
 
 VARIABLE = "PXR_PLUGINPATH_NAME"
+
+USES_USD = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,9 +40,10 @@ class Options:
     """print a shell line that prepends the folders to the variable"""
     validators: Annotated[bool, option()] = False
     """add the folder of the UsdValidation checks; needs usdsplat in the application's Python"""
+    reporting: ReportingOptions = field(default_factory=ReportingOptions)
 
 
-def run(options: Options) -> int:
+def run(options: Options, _: Reporter) -> int:
     """Print the folders, or the shell line."""
     from usdsplat.preview import usdview
     from usdsplat.schema.registration import plugin_folder, validators_folder

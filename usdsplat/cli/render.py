@@ -34,7 +34,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from usdsplat import images
-from usdsplat.cli import console
 from usdsplat.cli.arguments import given, option, positional
 from usdsplat.cli.render_options import (
     ColorFlags,
@@ -43,12 +42,12 @@ from usdsplat.cli.render_options import (
     FramingOptions,
     SamplingFlags,
 )
+from usdsplat.cli.reporting import Reporter, ReportingOptions
 from usdsplat.cli.stage_options import StageOptions
 from usdsplat.cli.values import aovs_of, bytes_of, crop_of, names_of, overscan_of, resolution_of
 from usdsplat.images.aovs import AOVS
 
 if TYPE_CHECKING:
-    from usdsplat.delegate.engine import Engine
     from usdsplat.products.request import RenderRequest
 
 AOV_HELP = (
@@ -84,16 +83,17 @@ class Options:
     resume: Annotated[bool, option()] = False
     """skip frames whose file exists"""
     json: Annotated[bool, option()] = False
-    """print one JSON list of the pictures"""
+    """print one JSON object with the pictures and the findings"""
     framing: FramingOptions = field(default_factory=FramingOptions)
     drawing: DrawingFlags = field(default_factory=DrawingFlags)
     sampling: SamplingFlags = field(default_factory=SamplingFlags)
     color: ColorFlags = field(default_factory=ColorFlags)
     file: FileOptions = field(default_factory=FileOptions)
     stage_opening: StageOptions = field(default_factory=StageOptions)
+    reporting: ReportingOptions = field(default_factory=ReportingOptions)
 
 
-def run(options: Options) -> int:
+def run(options: Options, reporter: Reporter) -> int:
     """Render the pictures, and print each file when it is finished."""
     from usdsplat.cli.stages import open_stage_or_capture
     from usdsplat.delegate.engine import Engine
@@ -113,13 +113,18 @@ def run(options: Options) -> int:
     report = []
     with (
         compile_time() as compiled,
-        console.progress(compiled) as progress,
-        on_compile(console.announce_compilation()),
+        reporter.progress(compiled) as progress,
+        on_compile(reporter.announce_compilation()),
     ):
         named = (options.framing.camera, options.settings, *request.matte)
         keep = ("/Render", *(path for path in named if path and path[0] == "/"))
         stage = open_stage_or_capture(
-            options.stage, options.stage_opening, axes=options.axes, keep=keep, progress=progress
+            options.stage,
+            options.stage_opening,
+            reporter,
+            axes=options.axes,
+            keep=keep,
+            progress=progress,
         )
         check_prims(stage, "--matte", request.matte)
         first = first_frame(stage, options.frames)
@@ -127,7 +132,6 @@ def run(options: Options) -> int:
             plans = plan_pictures(engine, request)
             frames = frames_to_draw(stage, options.frames, plans)
             engine.expect(work_of(plans, frames))
-            _warn(engine)
             for drawn in draw_frames(
                 engine,
                 plans,
@@ -135,24 +139,17 @@ def run(options: Options) -> int:
                 source=str(options.stage),
                 options=drawing,
                 progress=progress,
-                remark=console.remark,
+                findings=reporter.findings,
             ):
                 report.append(drawn)
                 if not options.json:
                     print(drawn.path, flush=True)
     if not report:
-        console.remark("nothing to do: every file exists already")
+        reporter.remark("nothing to do: every file exists already")
     if options.json:
-        console.print_json([{**asdict(drawn), "path": str(drawn.path)} for drawn in report])
+        pictures = [{**asdict(drawn), "path": str(drawn.path)} for drawn in report]
+        reporter.print_json({"pictures": pictures})
     return 0
-
-
-def _warn(engine: Engine) -> None:
-    """Print the engine's warnings, except those on cameras: a camera is checked when it is used."""
-    cameras = tuple(f"{path}: " for path in engine.cameras())
-    for warning in engine.warnings:
-        if not warning.startswith(cameras):
-            console.remark(warning)
 
 
 def _request(options: Options) -> RenderRequest:

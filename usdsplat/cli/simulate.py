@@ -27,6 +27,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from usdsplat.cli import console
 from usdsplat.cli.arguments import option, positional
+from usdsplat.cli.reporting import Reporter, ReportingOptions
 from usdsplat.cli.stage_options import StageOptions
 from usdsplat.core.errors import UsageError
 from usdsplat.images.frame_numbers import LIMIT, parse_frames
@@ -67,9 +68,10 @@ class Options:
     json: Annotated[bool, option()] = False
     """print one JSON object about the bake, or a JSON list of the parameters"""
     stage_opening: StageOptions = field(default_factory=StageOptions)
+    reporting: ReportingOptions = field(default_factory=ReportingOptions)
 
 
-def run(options: Options) -> int:
+def run(options: Options, reporter: Reporter) -> int:
     """List parameters, make a stage, or simulate one."""
     if options.list_parameters:
         from usdsplat.cli import parameter_table
@@ -83,31 +85,40 @@ def run(options: Options) -> int:
         missing = "no STAGE" if options.stage is None else "no --output"
         raise UsageError("simulate", missing, "a stage or capture, and -o FILE")
     if options.preset is not None:
-        return _make(options, options.preset, options.stage, options.output)
-    return _bake(options, options.stage, options.output)
+        return _make(options, options.preset, reporter)
+    return _bake(options, options.stage, options.output, reporter)
 
 
-def _make(options: Options, preset: str, source: Path, target: Path) -> int:
+def _make(options: Options, preset: str, reporter: Reporter) -> int:
     """Write a stage from a preset."""
+    from usdsplat.cli.stages import open_stage
+    from usdsplat.interchange.files import is_usd
     from usdsplat.products.presets import make_stage
 
+    source, target = options.stage, options.output
+    assert source is not None and target is not None  # checked by the caller
     for flag, given in (
         ("--frames", options.frames), ("--resume", options.resume), ("--set", options.overrides),
     ):  # fmt: skip
         if given:
             raise UsageError(flag, f"--preset {preset} too", "one of them: first make, then run")
-    with console.progress() as progress:
+    if is_usd(source):
+        open_stage(source, options.stage_opening, reporter)
+        reporter.findings.check()
+    with reporter.progress() as progress:
         files = make_stage(preset, source, target, axes=options.axes, progress=progress)
     if options.json:
-        console.print_json({"files": [str(path) for path in files]})
+        reporter.print_json({"files": [str(path) for path in files]})
         return 0
     for path in files:
         print(path)
-    console.remark(f"next: usdsplat simulate {target} -o {target.with_stem(target.stem + '_bake')}")
+    reporter.remark(
+        f"next: usdsplat simulate {target} -o {target.with_stem(target.stem + '_bake')}"
+    )
     return 0
 
 
-def _bake(options: Options, source: Path, target: Path) -> int:
+def _bake(options: Options, source: Path, target: Path, reporter: Reporter) -> int:
     """Simulate a stage and write its bake."""
     from usdsplat.cli.stages import open_stage
     from usdsplat.interchange.files import check_not_input, is_usd, layer_files
@@ -119,14 +130,14 @@ def _bake(options: Options, source: Path, target: Path) -> int:
         found = f"{source}, which is a capture"
         expected = "a stage with a SplatSim prim; --preset makes one"
         raise UsageError("simulate", found, expected)
-    stage = open_stage(source, options.stage_opening)
+    stage = open_stage(source, options.stage_opening, reporter)
     check_not_input(target, layer_files(stage))
     for text in options.overrides:
         override(stage, text)
-    announce = console.announce_compilation(
+    announce = reporter.announce_compilation(
         "compiling kernels, once for each kind of simulation; it takes up to a minute"
     )
-    with compile_time() as compiled, console.progress(compiled) as progress, on_compile(announce):
+    with compile_time() as compiled, reporter.progress(compiled) as progress, on_compile(announce):
         report = simulate(
             stage,
             target,
@@ -135,13 +146,13 @@ def _bake(options: Options, source: Path, target: Path) -> int:
                 device=options.device, threads=options.threads, existing=_existing(options)
             ),
             progress=progress,
-            remark=console.remark,
+            findings=reporter.findings,
         )
     if options.json:
-        console.print_json(report.as_dict())
+        reporter.print_json(report.as_dict())
     else:
         print(target)
-        console.remark(report.sentence())
+        reporter.remark(report.sentence())
     return 0
 
 

@@ -7,17 +7,19 @@ from pathlib import Path
 
 from pxr import Usd
 
-from usdsplat.cli import console
+from usdsplat.cli.reporting import Reporter
 from usdsplat.cli.stage_options import StageOptions
 from usdsplat.core.errors import UsageError
 from usdsplat.core.progress import Progress, silent
-from usdsplat.interchange.files import composition_remarks, is_usd
+from usdsplat.interchange.files import is_usd
 from usdsplat.interchange.opening import open_as_asked, open_capture
+from usdsplat.schema.composition import composition_findings
 
 
 def open_stage_or_capture(
     path: Path,
     options: StageOptions,
+    reporter: Reporter,
     *,
     axes: str | None = None,
     keep: tuple[str, ...] = (),
@@ -28,6 +30,7 @@ def open_stage_or_capture(
     Args:
         path: A file that USD reads, or a capture.
         options: See `open_stage`; all defaults for a capture.
+        reporter: See `open_stage`.
         axes: Directions of a capture's x, y and z; None chooses them.
         keep: See `open_stage`.
         progress: Receives the progress of reading a capture.
@@ -40,7 +43,7 @@ def open_stage_or_capture(
     if is_usd(path):
         if axes is not None:
             raise UsageError("--axes", "a stage, which defines its own axes", "a capture")
-        return open_stage(path, options, keep=keep)
+        return open_stage(path, options, reporter, keep=keep)
     check_no_stage_options(path, options)
     return open_capture(path, axes=axes, progress=progress)
 
@@ -57,14 +60,15 @@ def check_no_stage_options(path: Path, options: StageOptions) -> None:
             raise UsageError(flag, f"a capture, {path}", "a stage")
 
 
-def open_stage(path: Path, options: StageOptions, *, keep: tuple[str, ...] = ()) -> Usd.Stage:
+def open_stage(
+    path: Path, options: StageOptions, reporter: Reporter, *, keep: tuple[str, ...] = ()
+) -> Usd.Stage:
     """Open a stage. The file and the given session layer are only read.
-
-    A remark is printed for each composition error.
 
     Args:
         path: A file that USD reads.
         options: Options for opening.
+        reporter: Receives a finding for each composition error.
         keep: Paths of prims that are loaded regardless of the mask, if they exist.
 
     Raises:
@@ -79,6 +83,5 @@ def open_stage(path: Path, options: StageOptions, *, keep: tuple[str, ...] = ())
         session_layer=options.session_layer,
         keep=keep,
     )
-    for remark in composition_remarks(stage):
-        console.remark(remark)
+    reporter.findings.extend(composition_findings(stage))
     return stage

@@ -1,8 +1,10 @@
-"""Check the splats and simulations of a stage, and say how to fix each problem.
+"""Check stages for everything that other commands would stop at or complain of.
 
 examples:
   usdsplat validate shot.usd
       check every time sample of every field; exit status 1 if there are errors
+  usdsplat validate shots/*.usd --strict
+      check many stages; exit status 1 also if there are warnings
   usdsplat validate shot.usd --frame 12
       check one frame only, which is faster
   usdsplat validate shot.usd --json
@@ -10,19 +12,25 @@ examples:
 
 notes:
   An error means that the picture is wrong or missing, or that the stage cannot be simulated. A
-  warning means that other applications have a problem, or that a setting has no effect.
+  warning means that other applications have a problem, or that a setting has no effect. Each
+  finding has a code; all are listed in docs/reference/findings.md.
 """
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field
+from collections import Counter
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Annotated
 
 from usdsplat.cli import console
 from usdsplat.cli.arguments import option, positional
+from usdsplat.cli.reporting import Reporter, ReportingOptions
 from usdsplat.cli.stage_options import StageOptions
 from usdsplat.cli.values import time_code
+from usdsplat.core.errors import UsdSplatError
+from usdsplat.core.findings import Finding, Findings, from_error
+from usdsplat.core.progress import Progress
 from usdsplat.core.wording import counted
 
 
@@ -30,34 +38,82 @@ from usdsplat.core.wording import counted
 class Options:
     """Arguments of `usdsplat validate`."""
 
-    stage: Annotated[Path, positional("STAGE")]
-    """stage to check"""
+    stages: Annotated[tuple[Path, ...], positional("[STAGE ...] STAGE")]
+    """stages to check"""
     frame: Annotated[float | None, option("FRAME")] = None
     """check only this time code; default: every sample"""
     json: Annotated[bool, option()] = False
-    """print one JSON list of findings"""
+    """print one JSON object with the findings and with how much was checked"""
     opening: StageOptions = field(default_factory=StageOptions)
+    reporting: ReportingOptions = field(default_factory=ReportingOptions)
 
 
-def run(options: Options) -> int:
-    """Print the findings. Return 1 if there are errors, otherwise 0."""
-    from usdsplat.cli.stages import open_stage
-    from usdsplat.schema import validate
-    from usdsplat.sim.stage.validating import validate_simulations
+def run(options: Options, reporter: Reporter) -> int:
+    """Print the findings. Return 1 for errors, and in a strict run for warnings; otherwise 0."""
+    from usdsplat.kernels.compiling import on_compile
 
-    time = time_code(options.frame)
-    with console.progress() as progress:
-        stage = open_stage(options.stage, options.opening)
-        findings = validate(stage, time=time, progress=progress)
-        findings += validate_simulations(stage, time=time)
-    errors = sum(finding.severity == "error" for finding in findings)
-    warnings = len(findings) - errors
+    everything = Findings(is_strict=options.reporting.strict)
+    total: Counter[str] = Counter(files=len(options.stages))
+    with reporter.progress() as progress, on_compile(reporter.announce_compilation()):
+        for path in options.stages:
+            findings, looked_at = _checked(path, options, progress)
+            everything.extend(findings)
+            total += looked_at
+            if not options.json:
+                _show(path, findings, looked_at, reporter)
     if options.json:
-        console.print_json([asdict(finding) for finding in findings])
-    else:
-        for finding in findings:
-            print(f"{finding.severity}: {finding.message}\n  cure: {finding.cure}")
-            if finding.rule:
-                print(f"  rule: {finding.rule} of NVIDIA's validator for splats")
-        print(f"{options.stage}: {counted(errors, 'error')}, {counted(warnings, 'warning')}")
-    return 1 if errors else 0
+        found = [asdict(each) for each in everything]
+        console.print_json({"findings": found, "looked_at": dict(total)})
+    elif len(options.stages) > 1:
+        print(f"{counted(len(options.stages), 'file')}: {_amounts(everything)}")
+    is_failure = everything.is_strict and everything.is_failure
+    return 1 if is_failure or everything.count("error") else 0
+
+
+def _checked(path: Path, options: Options, progress: Progress) -> tuple[Findings, Counter[str]]:
+    """Return the findings on a stage, and how much was checked.
+
+    Raises:
+        UsdSplatError: If the only stage cannot be opened; one of several is a finding.
+    """
+    from usdsplat.interchange.opening import open_as_asked
+    from usdsplat.products.checking import check_stage
+
+    found: list[Finding] = []
+    looked_at: Counter[str] = Counter()
+    opening, is_only = options.opening, len(options.stages) == 1
+    collected = Findings(found.append)
+    try:
+        stage = open_as_asked(
+            path,
+            variants=opening.variant,
+            mute=opening.mute,
+            mask=opening.mask,
+            session_layer=opening.session_layer,
+        )
+        time = time_code(options.frame)
+        looked_at = check_stage(stage, collected, time=time, progress=progress)
+    except UsdSplatError as error:
+        if is_only:
+            raise
+        collected.add(replace(from_error("unreadable", error), path=str(path), attribute=""))
+    findings = Findings()
+    findings.extend(each if is_only else replace(each, file=str(path)) for each in found)
+    return findings, looked_at
+
+
+def _show(path: Path, findings: Findings, looked_at: Counter[str], reporter: Reporter) -> None:
+    """Print the findings on a stage, and how much was checked."""
+    for each in filter(reporter.is_shown, findings):
+        print(f"{each.told}\n  cure: {each.cure}")
+        if each.rule:
+            print(f"  rule: {each.rule} of NVIDIA's validator for splats")
+    listed = [counted(number, kind[:-1]) for kind, number in looked_at.items() if number]
+    end = f"; looked at {', '.join(listed)}" if listed else ""
+    print(f"{path}: {_amounts(findings)}{end}")
+
+
+def _amounts(findings: Findings) -> str:
+    """Return the numbers of errors and warnings as text."""
+    errors, warnings = findings.count("error"), findings.count("warning")
+    return f"{counted(errors, 'error')}, {counted(warnings, 'warning')}"

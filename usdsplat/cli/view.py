@@ -35,6 +35,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from usdsplat.cli.arguments import option, positional
+from usdsplat.cli.reporting import Reporter, ReportingOptions
 from usdsplat.cli.stage_options import StageOptions
 from usdsplat.cli.values import time_code
 from usdsplat.core.errors import BackendError, StageError, UnknownFormatError, UsageError
@@ -84,15 +85,20 @@ class Options:
     """number of threads; default: all cores"""
     browser: WebOptions = field(default_factory=WebOptions)
     opening: StageOptions = field(default_factory=StageOptions)
+    reporting: ReportingOptions = field(default_factory=ReportingOptions)
 
 
-def run(options: Options) -> int:
+def run(options: Options, reporter: Reporter) -> int:
     """Show the file until the window is closed, or until Ctrl-C."""
+    from usdsplat.interchange.files import is_usd
+
     time_code(options.frame)
     _check_web(options)
     path = options.file
     if path is not None:
         _check_file(path, options)
+        if reporter.findings.is_strict and is_usd(path):
+            _check_stage(path, options, reporter)
         if options.browser.web:
             return _serve(_opener(path, options), options)
     _check_window()
@@ -226,6 +232,20 @@ def _check_file(path: Path, options: Options) -> None:
     except UnknownFormatError as error:
         expected = f"{error.expected}, {', '.join(SUFFIXES)}"
         raise UnknownFormatError(error.where, error.found, expected) from None
+
+
+def _check_stage(path: Path, options: Options, reporter: Reporter) -> None:
+    """Raise an error if a stage has findings when it is opened.
+
+    Raises:
+        StrictError: If there is an error or a warning.
+    """
+    from usdsplat.cli.stages import open_stage
+    from usdsplat.products.checking import opening_findings
+
+    stage = open_stage(path, options.opening, reporter)
+    reporter.findings.extend(opening_findings(stage, options.frame))
+    reporter.findings.check()
 
 
 def _check_window() -> None:

@@ -49,3 +49,7 @@ class UsageError(UsdSplatError, ValueError):
 
 class OutputError(UsdSplatError, OSError):
     """A result cannot be written. Fix: choose another target."""
+
+
+class StrictError(UsdSplatError, RuntimeError):
+    """A strict command has findings. Fix: cure them, or run without --strict."""

@@ -14,6 +14,7 @@ from dataclasses import replace
 from typing import Any, Literal
 
 from usdsplat.core.errors import UsageError
+from usdsplat.core.findings import Finding
 from usdsplat.delegate.default_camera import Box, frame_subject, union
 from usdsplat.delegate.drawer import Drawer
 from usdsplat.delegate.product import ProductSpec
@@ -129,11 +130,15 @@ class Engine:
         return dict(self._open().pulls)
 
     @property
-    def warnings(self) -> tuple[str, ...]:
-        """One sentence for each prim, or GPU, with a problem; syncs first."""
+    def findings(self) -> tuple[Finding, ...]:
+        """What the stage asks for and does not get at the current time; syncs first."""
         self.sync()
-        remarks = (self.remark,) if self.remark else ()
-        return (*remarks, *self._open().warnings)
+        return self._open().findings
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The sentences of `findings`, and of a GPU with a problem; syncs first."""
+        return (*filter(None, [self.remark]), *(each.message for each in self.findings))
 
     @property
     def render_scene(self) -> RenderScene:
@@ -243,13 +248,9 @@ class Engine:
         """
         scene = self._open()
         return find_products(
-            scene.stage,
-            time=scene.time,
-            settings_path=settings_path,
-            camera=camera,
-            resolution=resolution,
-            overrides=overrides or {},
-        )
+            scene.stage, time=scene.time, settings_path=settings_path, camera=camera,
+            resolution=resolution, overrides=overrides or {},
+        )  # fmt: skip
 
     # --- pictures --------------------------------------------------------------------------
 
@@ -405,8 +406,8 @@ class Engine:
         return (settings or RenderSettings()).resolved(hints)
 
     def _around(self, subject: Box | None, bounds: Box | None, framing: Framing) -> CameraSpec:
-        up_axis = self._open().up_axis
-        return frame_subject(subject, bounds, up_axis=up_axis, aspect=framing.aspect)
+        axis = self._open().up_axis
+        return frame_subject(subject, bounds, up_axis=axis, aspect=framing.aspect)
 
     def _camera(self, path: str | None, framing: Framing) -> CameraSpec:
         if path is None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+from usdsplat.core.findings import Finding
 from usdsplat.render.settings import RenderSettings
 from usdsplat.render.specs import Framing
 
@@ -32,8 +33,8 @@ class ProductSpec:
     """`includedPurposes`."""
     matte: tuple[tuple[str, bool], ...] = ()
     """Holdout prims, in the form of `View.matte`."""
-    warnings: tuple[str, ...] = ()
-    """One sentence for each request that is not fulfilled."""
+    findings: tuple[Finding, ...] = ()
+    """Requests of the prims that are not fulfilled."""
 
     @property
     def multipart(self) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -27,6 +28,10 @@ ALIASES = {
 """Names of spaces in files and OpenImageIO, in lower case -> our names."""
 
 
+SpaceSource = Literal["given", "file", "format", "assumed"]
+"""The caller, the file itself, what OpenImageIO assumes for its format, or its pixel type alone."""
+
+
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Plate:
     """A picture, complete in its display window."""
@@ -37,6 +42,8 @@ class Plate:
     """Pixels that are opaque, finite, above black and not clipped, shape (h, w)."""
     space: str
     """Colour space that the file was read as."""
+    space_source: SpaceSource
+    """Where the colour space is from."""
 
 
 def read_plate(path: Path, *, space: str | None = None) -> Plate:
@@ -64,7 +71,9 @@ def read_plate(path: Path, *, space: str | None = None) -> Plate:
     if not {"R", "G", "B"} <= set(names):
         raise FormatError(str(path), f"channels {', '.join(names)}", "R, G and B")
     is_float = str(spec.format) in ("half", "float", "double")
-    space = space or _written(spec) or ("lin_rec709_scene" if is_float else "srgb_rec709_scene")
+    source: SpaceSource = "given"
+    if space is None:
+        space, source = _space(spec, is_float)
     # The whole display window; OpenImageIO has premultiplied the pixels.
     pixels = np.asarray(buffer.get_pixels(oiio.FLOAT, buffer.roi_full))
     whole = np.ones(pixels.shape[:2], np.float32)
@@ -76,14 +85,15 @@ def read_plate(path: Path, *, space: str | None = None) -> Plate:
         usable &= (code < CLIPPED).all(axis=2)
     rgb = convert(code, space, "lin_rec709_scene").astype(np.float32)
     usable &= rgb.max(axis=2) > 0
-    return Plate(rgb=rgb, usable=usable, space=space)
+    return Plate(rgb=rgb, usable=usable, space=space, space_source=source)
 
 
-def _written(spec: object) -> str:
-    """Return the colour space that a file names, if it is known, else ""."""
-    for key in ("colorInteropID", "oiio:ColorSpace"):
+def _space(spec: object, is_float: bool) -> tuple[str, SpaceSource]:
+    """Return the colour space of a file and where it is from."""
+    sources: dict[str, SpaceSource] = {"colorInteropID": "file", "oiio:ColorSpace": "format"}
+    for key, source in sources.items():
         name = str(spec.getattribute(key) or "")  # type: ignore[attr-defined]
         name = ALIASES.get(name.lower(), name)
         if name in COLOR_SPACES:
-            return name
-    return ""
+            return name, source
+    return ("lin_rec709_scene" if is_float else "srgb_rec709_scene"), "assumed"

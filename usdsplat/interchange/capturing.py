@@ -10,6 +10,7 @@ from pxr import Usd
 
 from usdsplat import formats
 from usdsplat.core.edits import Edit
+from usdsplat.core.findings import Finding
 from usdsplat.core.progress import Progress, silent
 from usdsplat.formats import Capture, ReadOptions, WriteOptions
 from usdsplat.interchange import files
@@ -19,6 +20,7 @@ from usdsplat.interchange.provenance import joined_bounds
 from usdsplat.interchange.reports import ExportReport, SequenceExportReport
 from usdsplat.interchange.sequence_exporting import write_frames
 from usdsplat.interchange.sequence_files import files_of
+from usdsplat.schema.composition import composition_findings
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -51,7 +53,8 @@ class ToCapture:
         """
         files.check_not_input(target, sources)
         frame = self.axes or formats.frame_written(target)
-        capture = joined([self._read(source, frame) for source in sources])
+        read = [self._read(source, frame) for source in sources]
+        capture = joined([each for each, _ in read])
         files.check_not_input(target, capture.files)
         capture = fitted(edit_capture(capture, self.edits, progress=self.progress), target)
         factor = unit_ratio(capture, target)
@@ -73,6 +76,7 @@ class ToCapture:
             frame=frame,
             error_bounds=joined_bounds(capture.error_bounds, bounds),
             notes=notes,
+            findings=tuple(dict.fromkeys(found for _, each in read for found in each)),
         )
 
     def of_stage(self, stage: Usd.Stage, target: Path, time: float) -> ExportReport:
@@ -108,11 +112,12 @@ class ToCapture:
 
         return write_frames(str(source), target, tuple(listed), write, progress=self.progress)
 
-    def _read(self, source: Path, frame: str) -> Capture:
-        """Read a source; of a stage the visible fields, in the target's axes."""
+    def _read(self, source: Path, frame: str) -> tuple[Capture, list[Finding]]:
+        """Read a source; of a stage the visible fields, in the target's axes, and its findings."""
         if not files.is_usd(source):
-            return formats.read(source, how=self.reading, progress=self.progress)
+            return formats.read(source, how=self.reading, progress=self.progress), []
         stage = files.open_stage(source)
-        return capture_of(
+        capture, _ = capture_of(
             stage, frame, prim_path=self.prim_path, time=self.time, progress=self.progress
-        )[0]
+        )
+        return capture, composition_findings(stage)

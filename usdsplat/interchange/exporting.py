@@ -23,6 +23,7 @@ from usdsplat.interchange.models import FIELD
 from usdsplat.interchange.placement import stage_frame
 from usdsplat.interchange.provenance import joined_bounds
 from usdsplat.interchange.reports import ExportReport, SplitReport
+from usdsplat.schema.composition import composition_findings
 
 
 def export_capture(
@@ -65,7 +66,8 @@ def export_capture(
         stage, frame, meters_per_unit=unit, prim_path=prim_path, time=time, progress=progress
     )
     capture = edit_capture(capture, edits, progress=progress)
-    return _written(capture, prims, source, path, how, progress)
+    report = _written(capture, prims, source, path, how, progress)
+    return replace(report, findings=tuple(composition_findings(stage)))
 
 
 def export_each(
@@ -103,7 +105,8 @@ def export_each(
         source=_name(source),
         target=str(path),
         parts=tuple(parts),
-        notes=(*files.composition_remarks(stage), *notes),
+        notes=tuple(notes),
+        findings=tuple(composition_findings(stage)),
     )
 
 
@@ -123,7 +126,7 @@ def capture_of(
     """
     found, notes = appearances(stage, prim_path, time)
     capture = _capture(found, frame, meters_per_unit, time, progress)
-    notes = [*files.composition_remarks(stage), *notes, *capture.notes]
+    notes = [*notes, *capture.notes]
     return replace(capture, notes=tuple(notes)), [item.prim for item in found]
 
 

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable
 from pathlib import Path
 
-from pxr import Pcp, Sdf, Tf, Usd
+from pxr import Sdf, Tf, Usd
 
 import usdsplat.schema  # noqa: F401 - our types must be known before the first stage is opened
 from usdsplat import formats
@@ -29,8 +28,7 @@ def open_stage(path: Path) -> Usd.Stage:
         StageError: If USD cannot read it.
     """
     layer = open_layer(path)
-    with quiet():
-        return Usd.Stage.Open(layer)
+    return Usd.Stage.Open(layer)
 
 
 def open_layer(path: Path, *, anonymous: bool = False) -> Sdf.Layer:
@@ -48,7 +46,8 @@ def open_layer(path: Path, *, anonymous: bool = False) -> Sdf.Layer:
     if not path.is_file():
         raise StageError(str(path), "no such file", "a USD file")
     if path.name.lower().endswith(formats.suffixes_read()):
-        raise StageError(str(path), "a capture", "a USD file")
+        expected = "a USD file; usdsplat convert makes one"
+        raise StageError(str(path), "a capture", expected)
     found = ""
     try:
         layer = (Sdf.Layer.OpenAsAnonymous if anonymous else Sdf.Layer.FindOrOpen)(str(path))
@@ -57,37 +56,6 @@ def open_layer(path: Path, *, anonymous: bool = False) -> Sdf.Layer:
     if not layer:
         raise StageError(str(path), found or "nothing that USD can read", "a USD file")
     return layer
-
-
-@contextmanager
-def quiet() -> Iterator[None]:
-    """Suppress USD's composition messages on stderr; `composition_remarks` returns them instead.
-
-    USD prints from C++ to file descriptor 2, which belongs to the whole process: output of other
-    threads to stderr during this time is lost too.
-    """
-    try:
-        kept = os.dup(2)
-    except OSError:  # without stderr
-        yield
-        return
-    with open(os.devnull, "wb") as nowhere:
-        os.dup2(nowhere.fileno(), 2)
-    try:
-        yield
-    finally:
-        os.dup2(kept, 2)
-        os.close(kept)
-
-
-def composition_remarks(stage: Usd.Stage) -> list[str]:
-    """Return a sentence for each composition error of a stage, except muted layers."""
-    said = [
-        " ".join(str(error).partition(" -- ")[0].split()).removesuffix("; skipping.").rstrip(".")
-        for error in stage.GetCompositionErrors()
-        if not isinstance(error, Pcp.ErrorMutedAssetPath)
-    ]
-    return sorted(set(said))
 
 
 def save(layer: Sdf.Layer, target: Path) -> None:

@@ -12,7 +12,7 @@ from pxr import Sdf, Usd
 from usdsplat.core.errors import StageError, UsageError
 from usdsplat.core.progress import Progress, silent
 from usdsplat.interchange.authoring import prepare
-from usdsplat.interchange.files import open_layer, quiet
+from usdsplat.interchange.files import open_layer
 from usdsplat.interchange.importing import import_capture
 from usdsplat.interchange.options import ImportOptions
 
@@ -52,17 +52,16 @@ def open_as_asked(
     if session_layer:
         session.subLayerPaths.append(open_layer(session_layer).identifier)
     populated = _mask(mask, keep)
-    with quiet():
-        if populated:
-            stage = Usd.Stage.OpenMasked(root, session, populated)
-            check_prims(stage, "--mask", mask)
-            stage.ExpandPopulationMask()
-        else:
-            stage = Usd.Stage.Open(root, session)
-        _mute(stage, mute)
-        with Usd.EditContext(stage, session):
-            for text in variants:
-                _select(stage, text)
+    if populated:
+        stage = Usd.Stage.OpenMasked(root, session, populated)
+        check_prims(stage, "--mask", mask)
+        stage.ExpandPopulationMask()
+    else:
+        stage = Usd.Stage.Open(root, session)
+    _mute(stage, mute)
+    with Usd.EditContext(stage, session):
+        for text in variants:
+            _select(stage, text)
     return stage
 
 
@@ -97,11 +96,10 @@ def reload(stage: Usd.Stage, changed: Iterable[Path]) -> None:
     paths = {str(path) for path in changed}
     for path in sorted(paths):
         open_layer(Path(path), anonymous=True)
-    with quiet():
-        for layer in stage.GetLayerStack(includeSessionLayers=True):
-            if layer.realPath in paths:  # Stage.Reload skips layers of the session
-                layer.Reload()
-        stage.Reload()
+    for layer in stage.GetLayerStack(includeSessionLayers=True):
+        if layer.realPath in paths:  # Stage.Reload skips layers of the session
+            layer.Reload()
+    stage.Reload()
 
 
 def check_prims(stage: Usd.Stage, where: str, paths: Iterable[str]) -> None:

@@ -24,6 +24,7 @@ from usdsplat.interchange.models import update_extents
 from usdsplat.interchange.provenance import add_edits, add_form
 from usdsplat.interchange.reports import RepackReport
 from usdsplat.schema import Form
+from usdsplat.schema.composition import composition_findings
 
 
 def repack(
@@ -102,7 +103,8 @@ def repack(
         samples=len(work),
         splats=splats,
         form=form,
-        notes=(*files.composition_remarks(stage), *unknown_color_spaces(fields), *notes),
+        notes=(*unknown_color_spaces(fields), *notes),
+        findings=tuple(composition_findings(stage)),
     )
 
 

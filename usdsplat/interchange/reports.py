@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from usdsplat.core.findings import Finding
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ImportReport:
@@ -68,6 +70,8 @@ class ExportReport:
     """Maximum error by field of the cloud, relative to the original, or to the stage if that is the
     source; fields that are not listed are exact."""
     notes: tuple[str, ...] = ()
+    findings: tuple[Finding, ...] = ()
+    """What the source asks for and does not get."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -90,6 +94,8 @@ class SplitReport:
     parts: tuple[ExportReport, ...]
     notes: tuple[str, ...] = ()
     """Notes on the stage; parts have their own."""
+    findings: tuple[Finding, ...] = ()
+    """What the source asks for and does not get."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -106,3 +112,5 @@ class RepackReport:
     """Number of splats in all these clouds."""
     form: str
     notes: tuple[str, ...] = ()
+    findings: tuple[Finding, ...] = ()
+    """What the source asks for and does not get."""

@@ -107,6 +107,7 @@ def write_frames(
         frame=reports[0].frame,
         error_bounds=reduce(widened, [each.error_bounds for each in reports]),
         notes=notes.told(),
+        findings=tuple(dict.fromkeys(found for each in reports for found in each.findings)),
         frames=tuple(times),
         counts=tuple(each.splats for each in reports),
     )

@@ -142,7 +142,7 @@ class Drawing:
             finally:
                 self._forget_closed()
             found = outlines(scenes[0].engine, state.selected)
-            warnings = scenes[0].engine.warnings
+            warnings = _told(scenes[0].engine)
             wanted = (replace(state, is_moving=False), *(s.place for s in scenes), found, warnings)
             quality = self._quality(state, wanted, scenes)
             jobs = [_job(state, scene, quality) for scene in scenes]
@@ -263,6 +263,12 @@ class Drawing:
             rest = sum(milliseconds.values()) - fixed + display
             self._pacer.drew(quality, load, fixed=fixed, rest=rest)
         self._is_warm = True
+
+
+def _told(engine: Engine) -> tuple[str, ...]:
+    """Return what the stage asks for and does not get, and a problem of a GPU, as sentences."""
+    told = tuple(found.told for found in engine.findings)
+    return (engine.remark, *told) if engine.remark else told
 
 
 def cut_of(state: ViewState) -> int:

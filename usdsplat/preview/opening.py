@@ -8,11 +8,12 @@ from pathlib import Path
 
 from usdsplat.core.errors import UsageError
 from usdsplat.interchange import opening
-from usdsplat.interchange.files import composition_remarks, is_usd, layer_files
+from usdsplat.interchange.files import is_usd, layer_files
 from usdsplat.preview.document import Document
 from usdsplat.preview.simulating.runner import Runner
 from usdsplat.preview.sources import Sources, files_of_capture
 from usdsplat.preview.values import Busy, Event, Problem
+from usdsplat.schema.composition import composition_findings
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -91,8 +92,8 @@ def open_document(
             session_layer=loading.session_layer,
         )
         sources.note(layer_files(stage))
-        for remark in composition_remarks(stage):
-            publish(Problem(sentence=remark))
+        for found in composition_findings(stage):
+            publish(Problem(sentence=found.told))
     document = document_of(stage, path=path, device=device, threads=threads, publish=publish)
     document.sources = sources
     return document

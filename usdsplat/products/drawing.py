@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from usdsplat.core.errors import OutputError, UsageError
+from usdsplat.core.findings import Findings
 from usdsplat.core.folders import made_folder
 from usdsplat.core.output import Existing
 from usdsplat.core.progress import Progress, silent
@@ -22,12 +23,12 @@ from usdsplat.products.deep import DeepReport, draw_deep
 from usdsplat.products.flat import draw_flat
 from usdsplat.products.header import Origin, labelled_layout
 from usdsplat.products.picture_file import PictureFile, RowsWritten
+from usdsplat.products.preflight import findings_of, go_to, of_picture
 from usdsplat.products.request import PicturePlan
 from usdsplat.render.cost import Work
 from usdsplat.render.occluders import ReadHoldout
-from usdsplat.render.specs import CameraSpec, View
+from usdsplat.render.specs import CameraSpec
 
-Remark = Callable[[str], None]
 _Job = tuple[PicturePlan, float, Path]
 """Plan, time code and file of a picture."""
 
@@ -84,7 +85,7 @@ def draw_frames(
     source: str,
     options: DrawOptions = DrawOptions(),
     progress: Progress = silent,
-    remark: Remark = lambda _: None,
+    findings: Findings | None = None,
     cancel: CancelToken | None = None,
 ) -> Iterator[DrawnPicture]:
     """Draw every picture at every frame, frame by frame, and yield each when its file is complete.
@@ -98,29 +99,39 @@ def draw_frames(
         source: Name of the stage in the headers of the files.
         options: Treatment of existing files, and the memory limit.
         progress: Receives the progress in rows of all pictures together.
-        remark: Receives messages on problems that are not visible in the pictures.
+        findings: Receives what the stage asks for and does not get, at every frame, and messages
+            on problems that are not visible in the pictures.
         cancel: Stops the drawing after the current band; complete files are kept.
 
     Raises:
         UsageError: If two pictures have the same file, or the memory limit is too low.
         StageError: If a camera cannot be used.
         OutputError: If a file cannot be written, or exists and `existing` is "error".
+        StrictError: If `findings` are strict and not empty; then nothing is written.
     """
     cancel = cancel or CancelToken()
     jobs = _jobs(plans, frames, options.existing)
     engine.expect(work_of(plans, frames))
-    before = engine.remark
-    tell = _once(remark)
+    findings = Findings() if findings is None else findings
+    said = engine.remark
+    if said:
+        findings.say(said)
     _check_holdouts(jobs)
     cameras = {plan: _framing_camera(engine, plan, frames) for plan, _, _ in jobs}
-    budgets = _budgets(engine, jobs, cameras, options.memory_limit, tell)
+    budgets = _budgets(engine, jobs, cameras, options.memory_limit, findings)
+    if findings.is_strict:
+        for plan, frame, _ in jobs:
+            findings.extend(findings_of(engine, plan, frame, cameras[plan]))
+        findings.check()
     rows, total = 0, sum(plan.rows for plan, _, _ in jobs)
     what = jobs[0][2].name if len(jobs) == 1 else counted(len(jobs), "picture")
     label = f"{what}, row"
     progress.step(label, 0, total)
     for plan, frame, path in jobs:
         started = time.perf_counter()
-        view = _go_to(engine, plan, frame, cameras[plan])
+        view = go_to(engine, plan, frame, cameras[plan])
+        since = None if frame == jobs[0][1] else frame
+        findings.extend(of_picture(engine, plan, view.camera), time=since)
 
         def rows_written(done: int, before: int = rows) -> None:
             progress.step(label, before + done, total)
@@ -144,14 +155,14 @@ def draw_frames(
         rows += plan.rows
         stats, seconds = engine.stats, time.perf_counter() - started
         if report is not None:
-            remark(remarks.what_is_deep(path, report, seconds))
+            findings.say(remarks.what_is_deep(path, report, seconds))
         elif plan.settings.color_mode == "inverseView":
-            remark(remarks.what_fails(path, stats))
-        if engine.remark != before:  # a GPU has failed in the meantime
-            tell(engine.remark)
-        empty = remarks.why_nothing(engine, stats)
-        if empty:
-            tell(f"nothing is drawn: {empty}", f"{path}: ")
+            findings.say(remarks.what_fails(path, stats))
+        if engine.remark != said:  # a GPU has failed in the meantime
+            said = engine.remark
+            findings.say(said)
+        if empty := remarks.nothing_drawn(engine, view, stats):
+            findings.add(empty, time=since)
         yield DrawnPicture(
             path=path,
             frame=frame,
@@ -185,53 +196,26 @@ def write_picture(
     return None
 
 
-def _go_to(engine: Engine, plan: PicturePlan, frame: float, camera: CameraSpec | None) -> View:
-    """Set the engine to a frame, and return the view of the picture there."""
-    engine.set_refinement(plan.settings.refinement)
-    engine.set_time(frame)
-    engine.set_purposes(plan.purposes)
-    if camera is None:
-        view = engine.view(plan.camera, framing=plan.framing)
-    else:
-        view = View(camera=camera, framing=plan.framing)
-    return replace(view, matte=plan.matte)
-
-
 def _budgets(
     engine: Engine,
     jobs: Sequence[_Job],
     cameras: dict[PicturePlan, CameraSpec | None],
     limit: int | None,
-    tell: Callable[..., None],
+    findings: Findings,
 ) -> dict[PicturePlan, Budget]:
     """Choose the bands of each picture by its first frame, before any picture is drawn."""
     budgets: dict[PicturePlan, Budget] = {}
     for plan, frame, path in jobs:
         if plan in budgets:
             continue
-        view = _go_to(engine, plan, frame, cameras[plan])
+        view = go_to(engine, plan, frame, cameras[plan])
         found = budgets[plan] = budget(engine, plan, view, limit=limit)
-        for text in plan.warnings:
-            tell(text)
+        findings.extend(plan.findings)
         if plan.deep:
-            tell(remarks.what_is_forced(plan))
-        if sharp := remarks.why_sharp(plan, view.camera):
-            tell(sharp)
+            findings.say(remarks.what_is_forced(plan))
         if limit is not None or found.estimate.total > WORTH_SAYING:
-            tell(found.sentence(), f"{path.name}: ")
+            findings.say(f"{path.name}: {found.sentence()}")
     return budgets
-
-
-def _once(remark: Remark) -> Callable[..., None]:
-    """Return a function that passes on each remark once, with the first file it applies to."""
-    told: set[str] = set()
-
-    def tell(text: str, where: str = "") -> None:
-        if text not in told:
-            told.add(text)
-            remark(where + text)
-
-    return tell
 
 
 def _holdout(plan: PicturePlan, frame: float) -> ReadHoldout | None:

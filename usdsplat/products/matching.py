@@ -17,11 +17,12 @@ from pxr import Sdf, Usd
 from usdsplat import schema
 from usdsplat.core.cloud import F64
 from usdsplat.core.errors import FormatError, StageError, UsageError
+from usdsplat.core.findings import Finding, finding
 from usdsplat.core.grade import Grade
 from usdsplat.delegate.engine import Engine
 from usdsplat.images.color import convert
 from usdsplat.images.match import fit_grade, in_primaries
-from usdsplat.images.plate import read_plate
+from usdsplat.images.plate import Plate, read_plate
 from usdsplat.images.science import chart, delta_e
 from usdsplat.interchange.files import save
 from usdsplat.products.planning import find_camera
@@ -75,6 +76,11 @@ class MatchReport:
     matrix: tuple[tuple[float, ...], ...]
     delta_e: dict[str, dict[str, float]]
     notes: tuple[str, ...]
+    reference_space: str = ""
+    """Colour space that the reference was read as; "" for a chart."""
+    reference_space_source: str = ""
+    """"given", "file", "format" or "assumed", see `images.plate`; "" for a chart."""
+    findings: tuple[Finding, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -101,6 +107,7 @@ def match(engine: Engine, stage: Usd.Stage, request: MatchRequest) -> MatchRepor
     grades = Sdf.Layer.CreateAnonymous("grade.usda")
     stage.GetSessionLayer().subLayerPaths.insert(0, grades.identifier)
     _author(stage, grades, fields, Grade())
+    plate = None
     if request.reference is not None:
         plate = read_plate(request.reference, space=request.reference_space)
         rows, columns = plate.rgb.shape[:2]
@@ -134,7 +141,18 @@ def match(engine: Engine, stage: Usd.Stage, request: MatchRequest) -> MatchRepor
             for when, values in zip(("before", "after"), differences, strict=True)
         },
         notes=(*fit.notes, *notes),
+        reference_space=plate.space if plate else "",
+        reference_space_source=plate.space_source if plate else "",
+        findings=_assumptions(request, plate),
     )
+
+
+def _assumptions(request: MatchRequest, plate: Plate | None) -> tuple[Finding, ...]:
+    """Return a finding if the colour space of the reference is a guess."""
+    if plate is None or plate.space_source != "assumed":
+        return ()
+    expected = f"--reference-space; {plate.space} is assumed"
+    return (finding("assumed-space", str(request.reference), "no colour space", expected),)
 
 
 def _camera(engine: Engine, name: str | None) -> str:

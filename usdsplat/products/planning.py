@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from usdsplat.core.errors import StageError, UsageError
+from usdsplat.core.findings import finding
 from usdsplat.core.knobs import checked
 from usdsplat.delegate.engine import PURPOSES, Engine
 from usdsplat.delegate.product import ProductSpec
@@ -51,13 +52,13 @@ def plan_pictures(engine: Engine, request: RenderRequest) -> tuple[PicturePlan, 
             raise StageError("--product", request.product, f"a product of the settings: {known}")
     if request.output:
         products = products[:1]
-    pictures = tuple(_of_product(engine, request, product) for product in products)
-    pictures = pictures or (_own(engine, request, camera),)
+    pictures = tuple(plan_product(engine, request, product) for product in products)
+    pictures = pictures or (plan_default(engine, request, camera),)
     return pictures
 
 
-def _own(engine: Engine, request: RenderRequest, camera: str | None) -> PicturePlan:
-    """Plan the picture of a stage without products."""
+def plan_default(engine: Engine, request: RenderRequest, camera: str | None = None) -> PicturePlan:
+    """Plan the picture of a stage without products, by default of its first camera."""
     spec = ProductSpec(
         path="render",
         framing=replace(Framing(), resolution=request.resolution or Framing().resolution),
@@ -67,8 +68,13 @@ def _own(engine: Engine, request: RenderRequest, camera: str | None) -> PictureP
     return _finished(request, spec, camera or _first_camera(engine))
 
 
-def _of_product(engine: Engine, request: RenderRequest, product: ProductSpec) -> PicturePlan:
-    """Plan the picture of a product."""
+def plan_product(engine: Engine, request: RenderRequest, product: ProductSpec) -> PicturePlan:
+    """Plan the picture of a product.
+
+    Raises:
+        UsageError: If the product cannot be drawn as requested.
+        StageError: If its camera does not exist.
+    """
     if product.kind not in KINDS:
         raise UsageError(product.path, f"productType {product.kind}", " or ".join(KINDS))
     return _finished(request, product, _camera_of(engine, product) or _first_camera(engine))
@@ -79,20 +85,20 @@ def _finished(request: RenderRequest, spec: ProductSpec, camera: str | None) -> 
     where, name = spec.path, _name_of(request, spec)
     output = str(name)
     deep = request.deep or spec.kind == "deepRaster"
-    warnings = spec.warnings
+    findings = spec.findings
     suited = default_color_mode(frame_path(output, 0))
     names = tuple(aov.name for aov in find_aovs(request.aovs or spec.aovs, where=f"{where} AOVs"))
     is_png = suited == COLOR_MODES[".png"]
     if is_png and not request.aovs and "color" in names and len(names) > 1:
-        left_out = ", ".join(aov for aov in names if aov != "color")
-        warnings = (*warnings, f"{where}: a PNG holds only color; left out: {left_out}")
+        found = f"{', '.join(aov for aov in names if aov != 'color')} in a PNG"
+        findings = (*findings, finding("png-aovs", where, found, "only color"))
         names = ("color",)
     if deep:
         others = [name for name in names if name not in DEEP_AOVS]
         _check_deep(request, output, others)
         if others:
-            text = f"{where}: a deep picture holds only color and Z; left out: {', '.join(others)}"
-            warnings = (*warnings, text)
+            found = f"{', '.join(others)} in a deep picture"
+            findings = (*findings, finding("deep-aovs", where, found, "only color and Z"))
         names = ("color",)
     settings = spec.settings
     if deep or settings.color_mode == "auto":
@@ -113,7 +119,7 @@ def _finished(request: RenderRequest, spec: ProductSpec, camera: str | None) -> 
         deep=deep,
         compare=request.compare,
         is_baked=settings.color_mode != "display" and (is_png or request.bake_view),
-        warnings=warnings,
+        findings=findings,
     )
     layout = layout_of(picture)
     if deep:

@@ -1,31 +1,38 @@
-"""Make sentences about pictures, on problems that are not visible in them."""
+"""Make findings and sentences about pictures, on problems that are not visible in them."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
+from usdsplat.core.findings import Finding, finding
 from usdsplat.core.wording import said_bytes
 from usdsplat.delegate.engine import Engine
 from usdsplat.products.deep import DeepReport
 from usdsplat.products.request import PicturePlan
 from usdsplat.render.frame_stats import FrameStats
 from usdsplat.render.sampling import has_lens
-from usdsplat.render.specs import CameraSpec
+from usdsplat.render.specs import CameraSpec, View
+
+WIDEST = 0.1
+"""Width of a lens, as a part of its focus distance, above which it is probably a mistake."""
 
 
-def why_nothing(engine: Engine, stats: FrameStats) -> str:
-    """Return the reason for an empty picture at the engine's time; "" if it may not be empty."""
+def nothing_drawn(engine: Engine, view: View, stats: FrameStats) -> Finding | None:
+    """Return a finding on an empty picture at the engine's time; None if it may not be empty."""
     if stats.visible or engine.render_scene.drawn_meshes():
-        return ""
+        return None
     if not engine.fields():
-        return "the stage has no splats"
-    if not stats.splats:
-        return "all splats are hidden, of other purposes, or cannot be drawn"
-    return "no splats are in view"
+        found = "a stage without splats or surfaces"
+    elif not stats.splats:
+        found = "only splats that are hidden, of other purposes, or cannot be drawn"
+    else:
+        found = "no splats in view"
+    where = view.camera.path or "/"
+    return finding("nothing-to-draw", where, found, "splats or surfaces in view")
 
 
-def why_sharp(plan: PicturePlan, camera: CameraSpec) -> str:
-    """Return a remark if a picture is sharp although its camera has blur; otherwise ""."""
+def no_blur(plan: PicturePlan, camera: CameraSpec) -> Finding | None:
+    """Return a finding if a picture is sharp although its camera has blur; otherwise None."""
     settings = plan.settings
     blurs = []
     if settings.motion_blur and camera.shutter[0] != camera.shutter[1]:
@@ -33,12 +40,19 @@ def why_sharp(plan: PicturePlan, camera: CameraSpec) -> str:
     if settings.depth_of_field and has_lens(camera):
         blurs.append("lens")
     if not blurs or settings.samples > 1 or plan.deep:
-        return ""
-    words = " and ".join(blurs)
-    return (
-        f"{camera.path}: one sample does not show the blur of the {words}; use for example "
-        "--samples 64"
-    )
+        return None
+    found = f"one sample, which does not show the blur of the {' and '.join(blurs)}"
+    return finding("no-blur", camera.path, found, "several, for example --samples 64")
+
+
+def wide_lens(plan: PicturePlan, camera: CameraSpec) -> Finding | None:
+    """Return a finding if the lens that blurs a picture is wide for its focus distance."""
+    settings, width = plan.settings, 2 * camera.lens_radius
+    is_used = settings.samples > 1 and settings.depth_of_field and not plan.deep
+    if not (is_used and has_lens(camera) and width > WIDEST * camera.focus_distance):
+        return None
+    found = f"a lens {width:.3g} wide, focused at {camera.focus_distance:.3g}"
+    return finding("wide-lens", camera.path, found, "a lens of at most a tenth of that distance")
 
 
 def what_is_forced(plan: PicturePlan) -> str:

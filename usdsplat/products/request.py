@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from usdsplat.core.findings import Finding
 from usdsplat.images.frame_numbers import FileName
 from usdsplat.images.layout import PixelType
 from usdsplat.render.settings import RenderSettings
@@ -79,8 +80,8 @@ class PicturePlan:
     compare: bool = True
     is_baked: bool = False
     """Whether the view transform is applied when the picture is written."""
-    warnings: tuple[str, ...] = ()
-    """One sentence for each setting of the product that cannot be followed."""
+    findings: tuple[Finding, ...] = ()
+    """Settings of the product that cannot be followed."""
 
     @property
     def rows(self) -> int:

@@ -10,6 +10,7 @@ import numpy as np
 
 from usdsplat.core.cloud import F32, I32, SplatCloud
 from usdsplat.core.errors import StageError
+from usdsplat.core.findings import Finding, finding
 from usdsplat.kernels.device import Device
 from usdsplat.sim import support as supports
 from usdsplat.sim.carriers import Binding, Carriers
@@ -160,15 +161,16 @@ class Pattern:
         return {name: each for name, each in zip(_AUTOMATIC, values, strict=True) if each > 0}
 
     @property
-    def remarks(self) -> tuple[str, ...]:
-        """Messages for the user about the pattern, one sentence each."""
+    def findings(self) -> tuple[Finding, ...]:
+        """Findings about the pattern; their path is that of the property."""
         reaction = self._reaction
         if reaction is None or not reaction.is_too_fine:
             return ()
-        return (
-            f"rd:patternScale: found {reaction.scale:g}, expected {reaction.spacing:g} or more: "
-            "points at this distance do not resolve a finer pattern",
+        expected = (
+            f"{reaction.spacing:g} or more: points at this distance do not resolve a finer pattern"
         )
+        where = "splatSim:rd:patternScale"
+        return (finding("fine-pattern", where, f"{reaction.scale:g}", expected),)
 
     # --- a frame --------------------------------------------------------------------------
 

@@ -16,6 +16,7 @@ import numpy as np
 from usdsplat.core import edit
 from usdsplat.core.cloud import F32, I64
 from usdsplat.core.errors import StageError
+from usdsplat.core.findings import Finding
 from usdsplat.kernels.device import Device
 from usdsplat.sim import population
 from usdsplat.sim.contact import Contacts
@@ -123,9 +124,9 @@ class Solver:
         return self._pattern.resolved(self.state)
 
     @property
-    def remarks(self) -> tuple[str, ...]:
-        """Messages for the user, one sentence each."""
-        return self._pattern.remarks
+    def findings(self) -> tuple[Finding, ...]:
+        """Findings about the parameters; the path of each is that of the property."""
+        return self._pattern.findings
 
     def advance(self) -> None:
         """Advance to the next frame."""

@@ -205,8 +205,8 @@ def test_what_is_no_volume_is_said_and_crops_nothing(stage):
         assert [spec.shape for spec in crops(engine)] == ["sphere"]
         (sentence,) = engine.warnings
         assert sentence == (
-            "/World/A collection:cropInclude: found Mesh /Mattes/Mesh, which cannot crop, "
-            "expected one of Sphere, Cube, Cylinder, Cone, Capsule, Plane"
+            "/World/A.collection:cropInclude: found Mesh /Mattes/Mesh, which cannot crop, "
+            "expected one of Sphere, Cube, Cylinder, Cone, Capsule, Plane; it does not crop"
         )
         stage.RemovePrim("/Mattes/Mesh")
         assert engine.warnings == ()

@@ -131,12 +131,14 @@ def test_vars_of_other_renderers_are_left_out_and_said(stage):
     with Engine(stage) as engine:
         before = {product.path: product.aovs for product in engine.products()}
         UsdRender.Var(stage.GetPrimAtPath("/Render/depth")).GetSourceNameAttr().Set("lpe:C<RD>L")
-        changed = [product for product in engine.products() if product.warnings]
+        changed = [product for product in engine.products() if product.findings]
         assert changed
         for product in changed:
             assert "depth" in before[product.path] and "depth" not in product.aovs
-            (warning,) = product.warnings
-            assert warning.startswith("/Render/depth.sourceName: found 'lpe:C<RD>L', expected one")
+            (found,) = product.findings
+            assert found.message.startswith(
+                "/Render/depth.sourceName: found 'lpe:C<RD>L', expected one"
+            )
 
 
 def test_unknown_settings_and_values_are_refused_in_a_sentence(stage):
@@ -282,7 +284,7 @@ def test_a_pass_brings_its_mattes_when_it_is_the_only_one_or_is_named(stage):
             assert engine.products(f"/Render/{name}")[0].matte == ((target, True),)
             expected = ((target, True),) if name == "One" else ()
             assert engine.products()[0].matte == expected
-            assert engine.products()[0].warnings == ()
+            assert engine.products()[0].findings == ()
     with Engine(stage) as engine:
         each.CreateRenderSourceRel().ClearTargets(True)
         with pytest.raises(StageError, match="renderSource: found none"):
@@ -297,5 +299,5 @@ def test_collections_of_a_pass_that_change_nothing_here_are_said(stage, name):
     part = "includes" if name == "prune" else "excludes"
     each.GetPrim().GetRelationship(f"collection:{name}:{part}").SetTargets(["/World/A"])
     with Engine(stage) as engine:
-        (sentence,) = engine.products()[0].warnings
-    assert sentence.startswith(f"/Render/Pass collection:{name}: found some prims, expected")
+        (found,) = engine.products()[0].findings
+    assert found.message.startswith(f"/Render/Pass.collection:{name}: found some prims, expected")

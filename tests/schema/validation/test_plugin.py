@@ -50,7 +50,7 @@ def test_findings_arrive_with_site_severity_and_cure(stage: Usd.Stage) -> None:
     range_error, space_error = errors(stage, "SplatArrays", "SplatRadiance")
     if range_error.GetName() != "opacityRange":
         range_error, space_error = space_error, range_error
-    finding = next(f for f in schema.validate(stage) if f.name == "opacityRange")
+    finding = next(f for f in schema.validate(stage) if f.code == "opacity-range")
     assert range_error.GetMessage() == f"{finding.message}; {finding.cure} (rule VG.035)"
     assert range_error.GetType() == UsdValidation.ValidationErrorType.Error
     assert range_error.GetSites()[0].GetProperty() == prim.GetAttribute("opacities")

@@ -19,7 +19,7 @@ Fault = Callable[[Usd.Prim], None]
 def found(stage: Usd.Stage, **options: float) -> dict[str, Finding]:
     """Findings by name."""
     findings = validate(stage, **options)
-    names = [finding.name for finding in findings]
+    names = [finding.code for finding in findings]
     assert len(set(names)) == len(names), names
     return dict(zip(names, findings, strict=True))
 
@@ -83,40 +83,45 @@ def clear(name: str) -> Fault:
 SH = tokens.SH_COEFFICIENTS
 
 STOCK_FAULTS: list[tuple[str, str, str, Fault]] = [
-    ("noSplats", "warning", "positions", clear("positions")),
+    ("no-splats", "warning", "positions", clear("positions")),
     ("missing", "warning", "scales", clear("scales")),
     ("missing", "warning", "orientations", clear("orientations")),
     ("missing", "warning", "opacities", clear("opacities")),
     ("missing", "warning", SH, clear(SH)),
-    ("tooShort", "error", "scales", cut("scales", 3)),
-    ("tooShort", "error", "ids", cut("ids", 3)),
-    ("tooShort", "error", "velocities", cut("velocities", 3)),
-    ("tooLong", "warning", "opacities", longer("opacities")),
-    ("coefficientCount", "error", SH, cut(SH, 100)),
-    ("coefficientCount", "warning", SH, longer(SH)),
-    ("notFinite", "error", "positions", setting("positions", put(2, np.nan))),
-    ("notFinite", "error", SH, setting(SH, put(2, np.inf))),
-    ("notFinite", "error", "velocities", setting("velocities", put(2, -np.inf))),
-    ("negativeScale", "error", "scales", setting("scales", put(1, (1, -1e-3, 1e-3)))),
-    ("zeroScale", "warning", "scales", setting("scales", put(1, (0, 1e-3, 1e-3)))),
-    ("notUnit", "error", "orientations", setting("orientations", scale(1.01))),
-    ("opacityRange", "error", "opacities", setting("opacities", put(0, 1.5))),
-    ("opacityRange", "error", "opacities", setting("opacities", put(0, -0.1))),
-    ("repeatedIds", "error", "ids", setting("ids", put(0, 3))),
-    ("noExtent", "error", "extent", clear("extent")),
-    ("extentSize", "error", "extent", cut("extent", 1)),
-    ("extentTooSmall", "error", "extent", setting("extent", scale(0.3))),
-    ("extentTooSmall", "warning", "extent", setting("extent", scale(0.97))),
+    ("too-short", "error", "scales", cut("scales", 3)),
+    ("too-short", "error", "ids", cut("ids", 3)),
+    ("too-short", "error", "velocities", cut("velocities", 3)),
+    ("too-long", "warning", "opacities", longer("opacities")),
+    ("coefficient-count", "error", SH, cut(SH, 100)),
+    ("coefficient-count", "warning", SH, longer(SH)),
+    ("not-finite", "error", "positions", setting("positions", put(2, np.nan))),
+    ("not-finite", "error", SH, setting(SH, put(2, np.inf))),
+    ("not-finite", "error", "velocities", setting("velocities", put(2, -np.inf))),
+    ("negative-scale", "error", "scales", setting("scales", put(1, (1, -1e-3, 1e-3)))),
+    ("zero-scale", "warning", "scales", setting("scales", put(1, (0, 1e-3, 1e-3)))),
+    ("not-unit", "error", "orientations", setting("orientations", scale(1.01))),
+    ("opacity-range", "error", "opacities", setting("opacities", put(0, 1.5))),
+    ("opacity-range", "error", "opacities", setting("opacities", put(0, -0.1))),
+    ("repeated-ids", "error", "ids", setting("ids", put(0, 3))),
+    ("no-extent", "error", "extent", clear("extent")),
+    ("extent-size", "error", "extent", cut("extent", 1)),
+    ("extent-too-small", "error", "extent", setting("extent", scale(0.3))),
+    ("extent-too-small", "warning", "extent", setting("extent", scale(0.97))),
     ("degree", "error", tokens.SH_DEGREE, move(tokens.SH_DEGREE, -1)),
-    ("noColorSpace", "warning", "colorSpace:name", clear("colorSpace:name")),
-    ("unknownColorSpace", "error", "colorSpace:name", move("colorSpace:name", "house")),
+    ("no-color-space", "warning", "colorSpace:name", clear("colorSpace:name")),
+    ("unknown-color-space", "error", "colorSpace:name", move("colorSpace:name", "house")),
     (
-        "unknownColorSpace",
+        "unknown-color-space",
         "warning",
         "colorSpace:name",
         move("colorSpace:name", "srgb_rec709_display"),
     ),
-    ("elementSize", "warning", SH, lambda p: UsdGeom.Primvar(p.GetAttribute(SH)).SetElementSize(3)),
+    (
+        "element-size",
+        "warning",
+        SH,
+        lambda p: UsdGeom.Primvar(p.GetAttribute(SH)).SetElementSize(3),
+    ),
     (
         "interpolation",
         "warning",
@@ -126,18 +131,18 @@ STOCK_FAULTS: list[tuple[str, str, str, Fault]] = [
 ]
 
 PACKED_FAULTS: list[tuple[str, str, str, Fault]] = [
-    ("unknownPacking", "error", tokens.PACKING, move(tokens.PACKING, "other_v1")),
-    ("packedCount", "error", tokens.PACKED, cut(tokens.PACKED, 3)),
-    ("packedCount", "warning", tokens.PACKED, longer(tokens.PACKED)),
-    ("packedCount", "error", tokens.PACKED_HARMONICS, clear(tokens.PACKED_HARMONICS)),
-    ("packedCount", "error", tokens.COLOR_RANGE, clear(tokens.COLOR_RANGE)),
-    ("packedCount", "error", tokens.HARMONICS_RANGE, cut(tokens.HARMONICS_RANGE, 1)),
+    ("unknown-packing", "error", tokens.PACKING, move(tokens.PACKING, "other_v1")),
+    ("packed-count", "error", tokens.PACKED, cut(tokens.PACKED, 3)),
+    ("packed-count", "warning", tokens.PACKED, longer(tokens.PACKED)),
+    ("packed-count", "error", tokens.PACKED_HARMONICS, clear(tokens.PACKED_HARMONICS)),
+    ("packed-count", "error", tokens.COLOR_RANGE, clear(tokens.COLOR_RANGE)),
+    ("packed-count", "error", tokens.HARMONICS_RANGE, cut(tokens.HARMONICS_RANGE, 1)),
     ("range", "error", tokens.COLOR_RANGE, setting(tokens.COLOR_RANGE, put(0, 9e9))),
     ("range", "error", tokens.COLOR_RANGE, setting(tokens.COLOR_RANGE, put(1, np.nan))),
     ("range", "error", tokens.HARMONICS_RANGE, setting(tokens.HARMONICS_RANGE, put(0, -1))),
     ("range", "error", tokens.HARMONICS_RANGE, setting(tokens.HARMONICS_RANGE, put(0, np.inf))),
     ("degree", "error", tokens.SH_DEGREE, move(tokens.SH_DEGREE, 9)),
-    ("notFinite", "error", "positions", setting("positions", put(2, np.nan))),
+    ("not-finite", "error", "positions", setting("positions", put(2, np.nan))),
 ]
 
 
@@ -175,23 +180,23 @@ def test_a_message_counts_the_bad_splats_and_names_the_first(stage: Usd.Stage) -
     """Oracle: the numbers that were put there."""
     prim = schema.author(stage, "/Splats", cloud(n=20))
     setting("opacities", put(slice(4, 6), 2.5))(prim)
-    assert found(stage)["opacityRange"].found == "2 of 20 (first: 2.5 at splat 4)"
+    assert found(stage)["opacity-range"].found == "2 of 20 (first: 2.5 at splat 4)"
 
 
 def test_degree_four_is_only_a_warning_for_others(stage: Usd.Stage) -> None:
     """Oracle: NVIDIA's rule VG.035 allows degrees 0 to 3."""
     schema.author(stage, "/Splats", cloud(n=5, degree=4))
     assert {name: f.severity for name, f in found(stage).items()} == {
-        "interchangeDegree": "warning"
+        "interchange-degree": "warning"
     }
 
 
 def test_half_alone_is_a_warning_for_others(stage: Usd.Stage) -> None:
     """Oracle: NVIDIA's rule VG.035 asks for the float attributes."""
     schema.author(stage, "/Splats", cloud(n=50), form="half")
-    assert {name: f.severity for name, f in found(stage).items()} == {"halfOnly": "warning"}
+    assert {name: f.severity for name, f in found(stage).items()} == {"half-only": "warning"}
     halves = ["orientationsh", "scalesh", "opacitiesh", f"{SH}h"]  # what NVIDIA's checker misses
-    assert sorted(found(stage)["halfOnly"].found.removeprefix("only ").split(", ")) == sorted(
+    assert sorted(found(stage)["half-only"].found.removeprefix("only ").split(", ")) == sorted(
         halves
     )
 
@@ -200,13 +205,13 @@ def test_half_arrays_are_checked_like_float_ones(stage: Usd.Stage) -> None:
     """Oracle: the fault that was made."""
     prim = schema.author(stage, "/Splats", cloud(n=4), form="half")
     prim.GetAttribute("opacitiesh").Set(Vt.HalfArray([0.5, 2, 0.5, 0.5]))
-    assert found(stage)["opacityRange"].attribute == "opacitiesh"
+    assert found(stage)["opacity-range"].attribute == "opacitiesh"
 
 
 def test_a_prim_of_others_with_bare_centres_is_told_all_it_lacks(stage: Usd.Stage) -> None:
     """Oracle: the attributes that are not there."""
     stock_prim(stage, {"positions": three_points()})
-    missing = {f.attribute for f in validate(stage) if f.name == "missing"}
+    missing = {f.attribute for f in validate(stage) if f.code == "missing"}
     assert missing == {"orientations", "scales", "opacities", SH}
 
 
@@ -215,11 +220,11 @@ def test_counts_that_differ_at_one_time_are_found_there(stage: Usd.Stage) -> Non
     prim = schema.author(stage, "/Splats", cloud(1, n=5), time=1)
     more = Vt.Vec3fArray.FromNumpy(cloud(2, n=6).positions)
     prim.GetAttribute("positions").Set(more, 2)
-    findings = [f for f in validate(stage) if f.name == "tooShort"]
+    findings = [f for f in validate(stage) if f.code == "too-short"]
     assert {f.attribute for f in findings} == {"orientations", "scales", "opacities"}
     assert {f.time for f in findings} == {2.0}
     assert " at 2: found 5 values, expected 6" in findings[0].message
-    assert not [f for f in validate(stage, time=1) if f.name == "tooShort"]
+    assert not [f for f in validate(stage, time=1) if f.code == "too-short"]
 
 
 def test_a_fault_of_many_samples_is_one_finding(stage: Usd.Stage) -> None:
@@ -228,7 +233,7 @@ def test_a_fault_of_many_samples_is_one_finding(stage: Usd.Stage) -> None:
         schema.author(
             stage, "/Splats", replace(cloud(n=3), opacities=np.float32([2, 0, 0])), time=time
         )
-    finding = found(stage)["opacityRange"]
+    finding = found(stage)["opacity-range"]
     assert (finding.time, finding.samples) == (1, 3)
     assert finding.message.startswith("/Splats.opacities at 1 (and 2 more samples): found")
 
@@ -238,7 +243,7 @@ def test_a_fault_that_does_not_change_is_said_once_without_a_time(stage: Usd.Sta
     for time in (1, 2):
         prim = schema.author(stage, "/Splats", cloud(n=3), time=time)
     prim.RemoveProperty("colorSpace:name")
-    finding = found(stage)["noColorSpace"]
+    finding = found(stage)["no-color-space"]
     assert (finding.time, finding.samples) == (None, 1)
 
 
@@ -282,19 +287,19 @@ def test_an_extent_of_nothing_but_bad_splats_is_not_judged(stage: Usd.Stage) -> 
     """Oracle: there is no box to compare with; the numbers themselves are found."""
     prim = schema.author(stage, "/Splats", cloud(n=1))
     setting("positions", put(0, np.nan))(prim)
-    assert set(found(stage)) == {"notFinite"}
+    assert set(found(stage)) == {"not-finite"}
 
 
 def test_an_array_that_begins_empty_is_a_warning_for_others(stage: Usd.Stage) -> None:
     """Oracle: usdVol's rule asks whether the float array has values at its earliest time."""
     for time, count in ((1, 0), (2, 7), (3, 7)):
         prim = schema.author(stage, "/Splats", cloud(n=count), time=time)
-    faults = [f for f in validate(stage) if f.name == "emptyFirst"]
+    faults = [f for f in validate(stage) if f.code == "empty-first"]
     assert {f.attribute for f in faults} == set(tokens.HALF_OF)
     assert {(f.severity, f.time, f.samples) for f in faults} == {("warning", 2, 2)}
     for name in tokens.HALF_OF:
         prim.GetAttribute(name).ClearAtTime(1)
-    assert not [f for f in validate(stage) if f.name == "emptyFirst"]
+    assert not [f for f in validate(stage) if f.code == "empty-first"]
 
 
 def test_what_is_compared_is_dated_by_what_changes(stage: Usd.Stage) -> None:
@@ -303,7 +308,7 @@ def test_what_is_compared_is_dated_by_what_changes(stage: Usd.Stage) -> None:
     positions = prim.GetAttribute("positions")
     for time, count in ((1, 20), (2, 21)):
         positions.Set(Vt.Vec3fArray(count, Gf.Vec3f(0)), time)
-    short = {each.attribute: each for each in validate(stage) if each.name == "tooShort"}
+    short = {each.attribute: each for each in validate(stage) if each.code == "too-short"}
     finding = short["opacities"]
     assert finding.time == 2
     assert ".opacities at 2: found 20 values, expected 21 values" in finding.message
@@ -313,7 +318,7 @@ def test_what_is_compared_is_dated_by_what_changes(stage: Usd.Stage) -> None:
 def test_a_hint_that_nobody_knows_is_found(stage: Usd.Stage, name: str) -> None:
     """Oracle: the schema's allowed tokens."""
     schema.author(stage, "/Splats", cloud(n=20)).GetAttribute(name).Set("sideways")
-    finding = found(stage)["unknownMode"]
+    finding = found(stage)["unknown-mode"]
     assert (finding.attribute, finding.found) == (name, "'sideways'")
 
 
@@ -325,7 +330,7 @@ def test_a_grade_out_of_range_is_found(stage: Usd.Stage, time: float | None) -> 
     assert found(stage) == {}
     code = Usd.TimeCode.Default() if time is None else Usd.TimeCode(time)
     prim.GetAttribute("splat:grade:temperature").Set(10.0, code)
-    finding = found(stage)["illegalGrade"]
+    finding = found(stage)["illegal-grade"]
     assert (finding.severity, finding.time) == ("error", time)
     assert finding.message.endswith("found 10, expected 1000 to 25000")
     assert ".splat:grade:temperature" in finding.message
@@ -336,8 +341,8 @@ def test_a_stage_that_does_not_say_how_large_it_is_is_warned_of() -> None:
     bare = Usd.Stage.CreateInMemory()
     assert validate(bare) == []
     schema.author(bare, "/Splats", cloud(n=20))
-    names = [(each.severity, each.name) for each in validate(bare) if each.path == "/"]
-    assert names == [("warning", "noUpAxis"), ("warning", "noMetersPerUnit")]
+    names = [(each.severity, each.code) for each in validate(bare) if each.path == "/"]
+    assert names == [("warning", "no-up-axis"), ("warning", "no-meters-per-unit")]
 
 
 @pytest.mark.filterwarnings("error")
@@ -346,4 +351,4 @@ def test_numbers_too_large_for_float32_are_judged_in_silence(stage: Usd.Stage) -
     prim = schema.author(stage, "/Splats", cloud(n=20))
     setting("positions", put(0, 1e30))(prim)
     setting("scales", put(0, 1e30))(prim)
-    assert "extentTooSmall" in {finding.name for finding in validate(stage)}
+    assert "extent-too-small" in {finding.code for finding in validate(stage)}

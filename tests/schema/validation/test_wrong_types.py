@@ -76,11 +76,11 @@ def test_a_wrong_type_is_all_that_is_said_of_an_attribute(
     prim = schema.author(stage, "/Splats", cloud(n=20, moving=True), form=form)
     mistype(prim, attribute, wrong)
     (finding,) = (f for f in validate(stage) if f.attribute == attribute)
-    assert (finding.severity, finding.name) == ("error", "wrongType")
+    assert (finding.severity, finding.code) == ("error", "wrong-type")
     assert finding.found == ("double" if wrong == "float" else wrong)
     assert finding.expected == expected
-    names = {f.name for f in validate(stage) if f.path == "/Splats"}
-    assert names <= {"wrongType", "halfOnly"}
+    names = {f.code for f in validate(stage) if f.path == "/Splats"}
+    assert names <= {"wrong-type", "half-only"}
 
 
 @pytest.mark.parametrize("kind", WRONG_VALUES)
@@ -93,9 +93,9 @@ def test_a_token_of_a_wrong_type_ends_in_findings(
     """Oracle: the finding about a token that nobody knows; nothing is raised."""
     prim = schema.author(stage, "/Splats", cloud(n=5), form="packed")
     mistype(prim, attribute, kind)
-    known = {"colorSpace:name": "unknownColorSpace", tokens.PACKING: "unknownPacking"}
-    names = [f.name for f in validate(stage) if f.path == "/Splats"]
-    assert names == [known.get(attribute, "unknownMode")]
+    known = {"colorSpace:name": "unknown-color-space", tokens.PACKING: "unknown-packing"}
+    names = [f.code for f in validate(stage) if f.path == "/Splats"]
+    assert names == [known.get(attribute, "unknown-mode")]
 
 
 def test_roles_of_vectors_may_differ(stage: Usd.Stage) -> None:

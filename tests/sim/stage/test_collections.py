@@ -74,7 +74,7 @@ def test_a_field_in_an_instance_is_left_out_and_said():
     prim.SetInstanceable(True)
     found, said = collections.splats(stage, simulation_of(stage))
     assert paths(found) == ["/World/Field"]
-    assert said == [
+    assert [found.message for found in said] == [
         "/World/Copy/Field: found a field in an instance, expected one that can be edited"
     ]
     assert paths(collections.affectors(stage, simulation_of(stage))) == ["/World/Copy/Ball"]

@@ -78,7 +78,7 @@ def test_samples_are_interpolated_and_uniform_ones_are_not():
     found = read_all(prim, Usd.TimeCode(3.5))
     assert found.rd.feed == pytest.approx(0.025, abs=1e-8)
     assert found.sim.seed == 5
-    (said,) = map(str, unread(prim, tuple(GROUPS)))
+    (said,) = (each.message for each in unread(prim, tuple(GROUPS)))
     assert said.startswith("/World/Sim.splatSim:sim:seed: found samples over time")
 
 
@@ -119,7 +119,7 @@ def test_what_nobody_reads_is_said_with_the_nearest_name():
         prim.CreateAttribute(name, Sdf.ValueTypeNames.Float).Set(1.0)
     prim.CreateRelationship("splatSim:conform:target")
     prim.CreateRelationship("splatSim:deform:a:frame")
-    said = [str(each) for each in unread(prim, (*GROUPS, "deform", "driver"))]
+    said = [each.message for each in unread(prim, (*GROUPS, "deform", "driver"))]
     assert len(said) == 3
     assert any("splatSim:rd:fed" in each and "splatSim:rd:feed" in each for each in said)
     assert any("anlge: found" in each and "splatSim:deform:a:angle" in each for each in said)

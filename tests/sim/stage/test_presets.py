@@ -61,7 +61,7 @@ def test_a_preset_is_a_stage_that_holds_the_capture(name, up, tmp_path) -> None:
     assert UsdGeom.GetStageUpAxis(stage) == up and UsdGeom.GetStageMetersPerUnit(stage) == 0.01
     assert str(stage.GetDefaultPrim().GetPath()) == "/World"
     assert [each for each in schema.validate(stage) if each.severity == "error"] == []
-    assert recipe.path == "/World/Scan0" and len(recipe.rest) == 500 and recipe.remarks == ()
+    assert recipe.path == "/World/Scan0" and len(recipe.rest) == 500 and recipe.findings == ()
     for frame in range(1, 101):
         recipe.at(frame)
     for prim in stage.Traverse():

@@ -90,11 +90,11 @@ def test_ids_that_do_not_ascend_are_dropped_and_splats_that_are_nowhere_refused(
     given = cloud(3, n=6, moving=True)
     schema.author(stage, FIELD, replace(given, ids=np.array([2, 3, 5, 8, 13, 21])))
     recipe = only(stage)
-    assert recipe.rest.ids.tolist() == [2, 3, 5, 8, 13, 21] and recipe.remarks == ()
+    assert recipe.rest.ids.tolist() == [2, 3, 5, 8, 13, 21] and recipe.findings == ()
     schema.author(stage, FIELD, given)
     recipe = only(stage)
     assert recipe.rest.ids is None
-    assert recipe.remarks[0].startswith("/World/Field.ids: found ids that do not ascend")
+    assert recipe.findings[0].message.startswith("/World/Field.ids: found ids that do not ascend")
     positions = given.positions.copy()
     positions[2:4, 1] = np.nan
     schema.author(stage, FIELD, replace(given, positions=positions))
@@ -253,13 +253,13 @@ def test_relationships_that_lead_nowhere_are_one_sentence() -> None:
         only(stage)
 
 
-def test_remarks_are_of_the_simulation_and_of_its_affectors() -> None:
+def test_findings_are_of_the_simulation_and_of_its_affectors() -> None:
     """Oracle: two misspelt names."""
     stage = make_stage(3)
     ball = UsdGeom.Sphere.Define(stage, "/World/Ball").GetPrim()
     for prim, name in ((ball, "splatSim:affector:fricton"), (simulation_of(stage), "splatSim:x")):
         prim.CreateAttribute(name, Sdf.ValueTypeNames.Float).Set(0.5)
-    first, second = only(stage).remarks
+    first, second = (found.message for found in only(stage).findings)
     assert first.startswith("/World/Sim.splatSim:x: found an unknown property, expected")
     assert second.endswith("expected such as splatSim:affector:friction")
 

@@ -21,6 +21,7 @@ from tests.sim.stage.stages import FIELD, SIM, moved, place, rigid, simulation_o
 from usdsplat import schema
 from usdsplat.core import covariance
 from usdsplat.core.errors import OutputError, StageError
+from usdsplat.core.findings import Findings
 from usdsplat.kernels.device import CpuDevice
 from usdsplat.kernels.devices import open_device
 from usdsplat.sim.stage import simulating
@@ -68,7 +69,7 @@ def test_the_device_is_closed_and_its_remark_is_told(
     monkeypatch.setattr(simulating, "Simulation", stops)
     stage, target, told = Usd.Stage.CreateInMemory(), tmp_path / "bake.usda", []
     with pytest.raises(Killed):
-        simulate(stage, target, FRAMES, remark=told.append)
+        simulate(stage, target, FRAMES, findings=Findings(say=told.append))
     assert told == closed == ["a GPU but"]
     with pytest.raises(Killed):
         simulate(stage, target, FRAMES, SimulateOptions(device=Told(remark="given")))

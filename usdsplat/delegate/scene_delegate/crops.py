@@ -8,7 +8,7 @@ import numpy as np
 from pxr import Usd, UsdGeom
 
 from usdsplat.core.cloud import F64
-from usdsplat.core.errors import StageError
+from usdsplat.core.findings import Finding, finding
 from usdsplat.delegate.scene_delegate.placing import column_matrix
 from usdsplat.delegate.scene_delegate.volumes import SHAPES, Crop, Volume
 from usdsplat.render.specs import CropShape, CropSpec, Matrix
@@ -22,19 +22,21 @@ AXES = {"X": [[0, 0, 1], [1, 0, 0], [0, 1, 0]], "Y": [[0, 1, 0], [0, 0, 1], [1, 
 
 def read_crop(
     crop: Crop, time: Usd.TimeCode, cache: UsdGeom.XformCache
-) -> tuple[tuple[CropSpec, ...], StageError | None]:
-    """Return the volumes of a crop at `time`, and a problem or None.
+) -> tuple[tuple[CropSpec, ...], tuple[Finding, ...]]:
+    """Return the volumes of a crop at `time`, and its problems.
 
     The visibility of volumes is ignored: mattes are usually hidden.
     """
-    specs, problem = [], crop.problem
+    specs, findings = [], list(crop.findings)
     for volume in crop.volumes:
         spec = _read_volume(volume, time, cache)
         specs.append(spec)
-        if spec.world_to_shape == NOWHERE and problem is None:
+        if spec.world_to_shape == NOWHERE:
             where = str(volume.prim.GetPath())
-            problem = StageError(where, "an empty crop volume", "a volume with a size")
-    return tuple(specs), problem
+            findings.append(
+                finding("empty-crop", where, "an empty crop volume", "a volume with a size")
+            )
+    return tuple(specs), tuple(findings)
 
 
 def _read_volume(volume: Volume, time: Usd.TimeCode, cache: UsdGeom.XformCache) -> CropSpec:

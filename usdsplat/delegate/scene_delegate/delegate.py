@@ -13,6 +13,7 @@ from pxr import Tf, Usd, UsdGeom
 
 from usdsplat.core.cloud import F64
 from usdsplat.core.errors import StageError, UsageError, UsdSplatError
+from usdsplat.core.findings import Finding, finding, from_error
 from usdsplat.delegate.dirty_bits import DirtyBits
 from usdsplat.delegate.instancing import NO_INSTANCES, InstancerSpec, Placement
 from usdsplat.delegate.render_index import RenderIndex
@@ -31,6 +32,10 @@ from usdsplat.delegate.scene_delegate.readings import Readings, Sources
 from usdsplat.delegate.scene_delegate.reconcile import reconcile
 from usdsplat.delegate.scene_delegate.skeletons import Skeletons
 from usdsplat.delegate.scene_delegate.textures import Textures
+from usdsplat.delegate.scene_delegate.unsupported import (
+    findings_on_light,
+    findings_on_prims,
+)
 from usdsplat.delegate.scene_delegate.variability import varying_bits
 from usdsplat.render.specs import CameraSpec, CropSpec, FieldSpec, LightSpec, MeshSpec
 
@@ -38,6 +43,18 @@ T = TypeVar("T")
 
 LOG = logging.getLogger("usdsplat")
 """Logs each prim that is not drawn once, for Python users; commands print it too."""
+
+NOWHERE = np.full((4, 4), np.nan)
+"""Transform of a prim whose own cannot be read."""
+
+CODES = {
+    "field": "not-drawn",
+    "mesh": "not-drawn",
+    "instancer": "bad-instancer",
+    "camera": "bad-camera",
+    "light": "bad-light",
+}
+"""Kind of a prim -> code of the finding if it cannot be read."""
 
 
 class UsdSceneDelegate:
@@ -73,6 +90,7 @@ class UsdSceneDelegate:
         self._varying: dict[str, DirtyBits] = {}
         self.problems: dict[tuple[str, str], UsdSplatError] = {}
         """(path, kind) of data that could not be read -> error."""
+        self._remarks: dict[tuple[str, str], tuple[Finding, ...]] = {}
         self._xforms = UsdGeom.XformCache(self._code)
         self._rate = stage.GetTimeCodesPerSecond()
         self._is_stale = True
@@ -84,15 +102,23 @@ class UsdSceneDelegate:
         return str(UsdGeom.GetStageUpAxis(self.stage))
 
     @property
-    def warnings(self) -> tuple[str, ...]:
-        """One sentence for each prim with a problem, by path."""
-        found = {(path, ""): why for path, why in self._population.problems.items()}
-        found |= {key: why for key, why in self.problems.items() if self._is_of_interest(*key)}
-        told = [(path, _told(why, kind)) for (path, kind), why in found.items()]
+    def findings(self) -> tuple[Finding, ...]:
+        """What the stage asks for and does not get at this time, by path."""
+        found = list(self._population.findings)
+        for (path, kind), why in self.problems.items():
+            if self._is_of_interest(path, kind):
+                found.append(from_error(CODES[kind], why))
+        for each in self._remarks.values():
+            found += each
         for path, reader in self._meshes.items():
-            if self._is_of_interest(path, "mesh") and (path, "mesh") not in found:
-                told += [(path, f"{why}; it is left out") for why in reader.problems]
-        return tuple(dict.fromkeys(sentence for _, sentence in sorted(told)))
+            if self._is_of_interest(path, "mesh") and (path, "mesh") not in self.problems:
+                found += reader.findings
+        found += findings_on_prims(self._population.others, self._code, self._purposes)
+        for prim in self._population.lights.values():
+            if UsdGeom.Imageable(prim).ComputeVisibility(self._code) != UsdGeom.Tokens.invisible:
+                found += findings_on_light(prim)
+        once = {each.key: each for each in found}
+        return tuple(sorted(once.values(), key=lambda each: (each.path, each.message)))
 
     def set_time(self, time: float | None) -> None:
         """Set the time of the next update."""
@@ -154,6 +180,7 @@ class UsdSceneDelegate:
         self._varying.clear()
         self._readings.refresh()
         self.problems = {key: why for key, why in self.problems.items() if _is_in(found, *key)}
+        self._remarks = {key: why for key, why in self._remarks.items() if _is_in(found, *key)}
 
     def _mark(self, changes: Changes) -> None:
         if changes.everything:
@@ -211,19 +238,19 @@ class UsdSceneDelegate:
         spec = self._pull("mesh", path, partial(reader.read, prim, bits, context), None)
         if reader.has_other_sources:
             self._varying.pop(path, None)
-        for why in reader.problems if spec else ():
-            if str(why) not in self._said:
-                self._said.add(str(why))
-                LOG.warning("left out: %s", why)
+        for each in reader.findings if spec else ():
+            if each.message not in self._said:
+                self._said.add(each.message)
+                LOG.warning("%s", each.message)
         return spec
 
     def crops(self, path: str) -> tuple[CropSpec, ...]:
         """Implement `SceneDelegate.crops`."""
         entry = self._population.fields[path]
-        specs, problem = read_crop(entry.crop, self._code, self._xforms)
+        specs, findings = read_crop(entry.crop, self._code, self._xforms)
         if specs:
             self.pulls["crops"] += 1
-        self._remark("crops", path, problem)
+        self._remark("crops", path, *findings)
         return specs
 
     def placements(self, path: str) -> tuple[Placement, ...]:
@@ -238,15 +265,19 @@ class UsdSceneDelegate:
         if path in self._population.meshes:
             sources = Sources(self.stage, DirtyBits.TRANSFORM)
             frame = partial(self._skeletons.frame, sources=sources)
-        found = tuple(
-            placing.transforms(each, frame(each.levels[-1].prim), self._xforms)
-            for each in self._appearances(path)
-        )
+        appearances = self._appearances(path)
+        try:
+            found = tuple(
+                placing.transforms(each, frame(each.levels[-1].prim), self._xforms)
+                for each in appearances
+            )
+        except Tf.ErrorException:  # an xformOpOrder that USD cannot read
+            found = tuple((NOWHERE,) * len(each.levels) for each in appearances)
         if path in self._population.meshes and self._readings.put(path, "transforms", sources):
             self._varying.pop(path, None)
         finite = all(np.isfinite(matrix).all() for levels in found for matrix in levels)
-        error = StageError(path, "a transform that is not finite", "numbers")
-        self._remark("transforms", path, None if finite else error)
+        wrong = finding("bad-transform", path, "a transform that is not finite", "numbers")
+        self._remark("transforms", path, *(() if finite else (wrong,)))
         return found
 
     def visible(self, path: str) -> tuple[bool, ...]:
@@ -269,7 +300,8 @@ class UsdSceneDelegate:
         """Implement `SceneDelegate.camera`."""
         prim = self._population.cameras[path]
         read = partial(read_camera, prim, self._code, self._xforms)
-        self._remark("shutter", path, shutter_problem(prim, self._code))
+        wrong = shutter_problem(prim, self._code)
+        self._remark("shutter", path, *([from_error("bad-shutter", wrong)] if wrong else []))
         return self._pull("camera", path, read, None)
 
     def light(self, path: str) -> LightSpec | None:
@@ -299,11 +331,11 @@ class UsdSceneDelegate:
         known = self._population
         return (known.fields if path in known.fields else known.meshes)[path].appearances
 
-    def _remark(self, kind: str, path: str, problem: UsdSplatError | None) -> None:
-        """Set or clear the problem of a prim that is used nevertheless."""
-        self.problems.pop((path, kind), None)
-        if problem is not None:
-            self.problems[path, kind] = problem
+    def _remark(self, kind: str, path: str, *findings: Finding) -> None:
+        """Replace the findings of a kind about a prim that is used nevertheless."""
+        self._remarks.pop((path, kind), None)
+        if findings:
+            self._remarks[path, kind] = findings
 
     def _pull(self, kind: str, path: str, read: Callable[[], T], unusable: T) -> T:
         """Read a prim and count it; if it fails, record a problem and return `unusable`."""
@@ -319,11 +351,6 @@ class UsdSceneDelegate:
         if str(why) != str(before):
             LOG.warning("left out: %s", why)
         return unusable
-
-
-def _told(why: UsdSplatError, kind: str) -> str:
-    """Return the problem in a sentence, with its consequence."""
-    return f"{why}; it is not drawn" if kind in ("field", "mesh") else str(why)
 
 
 def _is_in(population: Population, path: str, kind: str) -> bool:

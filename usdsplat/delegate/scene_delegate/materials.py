@@ -15,8 +15,14 @@ from pxr import Sdf, Usd, UsdShade
 
 from usdsplat.core.cloud import F32, F64
 from usdsplat.core.errors import StageError, UsdSplatError
+from usdsplat.core.findings import Finding, finding, from_error
 from usdsplat.delegate.scene_delegate.readings import Sources
 from usdsplat.delegate.scene_delegate.textures import Color, Textures
+from usdsplat.delegate.scene_delegate.unsupported import (
+    FALLBACKS,
+    finding_on_input,
+    finding_on_surface,
+)
 from usdsplat.images.texture import Encoding
 from usdsplat.render.specs import MaterialSpec, TextureSpec, Wrap
 from usdsplat.schema.values import value
@@ -81,11 +87,11 @@ class MaterialReader:
     """Reader of the materials of a mesh at a time.
 
     Attributes:
-        problems: Errors of values that were replaced by their fallback.
+        findings: Findings about values that were replaced by their fallback.
     """
 
     def __init__(self, time: Usd.TimeCode, textures: Textures, sources: Sources) -> None:
-        self.problems: list[UsdSplatError] = []
+        self.findings: list[Finding] = []
         self._time = time
         self._textures = textures
         self._sources = sources
@@ -93,8 +99,12 @@ class MaterialReader:
     def look(self, material: Usd.Prim | None) -> BoundMaterial:
         """Read a material; without a UsdPreviewSurface it counts as unbound."""
         output = material and self._producer(material.GetAttribute("outputs:surface"))
-        if not output or self._id(output.GetPrim()) != "UsdPreviewSurface":
+        kind = self._id(output.GetPrim()) if output else ""
+        if not output or kind != "UsdPreviewSurface":
+            if material:
+                self._add(finding_on_surface(material, output and output.GetPrim(), kind))
             return UNBOUND
+        self._note_inputs(output.GetPrim())
         base = self._input(output.GetPrim(), "diffuseColor")
         if base is None:
             return BoundMaterial(spec=MaterialSpec(diffuse=NEUTRAL))
@@ -108,9 +118,27 @@ class MaterialReader:
                 colors=self._name(reader),
                 fallback=self._color(reader, "fallback", (0.0, 0.0, 0.0)),
             )
+        if kind:
+            where = f"{output.GetPrim().GetPath()}.inputs:diffuseColor"
+            expected = "a UsdUVTexture or a primvar reader"
+            self._add(finding("unsupported-input", where, f"a connection to {kind}", expected))
         return BoundMaterial(
             spec=MaterialSpec(diffuse=self._color(output.GetPrim(), "diffuseColor", NEUTRAL))
         )
+
+    def _add(self, found: Finding | None) -> None:
+        if found is not None:
+            self.findings.append(found)
+
+    def _note_inputs(self, shader: Usd.Prim) -> None:
+        """Add a finding for each input of a surface that is ignored."""
+        for name in FALLBACKS:
+            attribute = shader.GetAttribute(f"inputs:{name}")
+            if attribute and (attribute.HasAuthoredValue() or attribute.HasAuthoredConnections()):
+                source = self._producer(attribute)
+                is_value = source is not None and not _is_output(source)
+                found = value(source, self._time) if is_value else None
+                self._add(finding_on_input(shader, name, found))
 
     # --- nodes -----------------------------------------------------------------------------
 
@@ -126,7 +154,7 @@ class MaterialReader:
         except UsdSplatError as error:
             # Without an authored fallback, neutral grey is better than black for a missing texture.
             authored = node.GetAttribute("inputs:fallback").HasAuthoredValue()
-            self.problems.append(error)
+            self.findings.append(from_error("missing-asset", error))
             return BoundMaterial(spec=MaterialSpec(diffuse=fallback if authored else NEUTRAL))
         wrap = (self._wrap(node, "wrapS"), self._wrap(node, "wrapT"))
         diffuse = (1.0, 1.0, 1.0) if any(bias) else scale
@@ -171,6 +199,9 @@ class MaterialReader:
     def _wrap(self, node: Usd.Prim, name: str) -> Wrap:
         """Return the wrap mode; useMetadata is not supported and gives its fallback, black."""
         found = self._value(node, name)
+        if found not in (None, *WRAPS):
+            where, expected = f"{node.GetPath()}.inputs:{name}", f"one of {', '.join(WRAPS)}"
+            self._add(finding("unsupported-input", where, repr(found), expected))
         return cast(Wrap, found) if found in WRAPS else "black"
 
     def _name(self, node: Usd.Prim) -> str:

@@ -10,6 +10,7 @@ from pxr import Usd, UsdGeom, UsdShade
 
 from usdsplat.core.cloud import F32, I32
 from usdsplat.core.errors import StageError, UsdSplatError
+from usdsplat.core.findings import Finding, from_error
 from usdsplat.delegate.dirty_bits import DirtyBits
 from usdsplat.delegate.scene_delegate.geometry import (
     SHAPE,
@@ -40,17 +41,18 @@ class MeshReader:
         self._geometry: Geometry | None = None
         self._primvars: dict[tuple[str, int], F32 | None] = {}
         self._primvar_problems: dict[tuple[str, int], UsdSplatError] = {}
-        self._material_problems: list[UsdSplatError] = []
+        self._material_findings: list[Finding] = []
         self._looks: tuple[BoundMaterial, ...] = ()
         self._look_of: I32 | None = None
         self.has_other_sources = False
         """Whether the last reading had different sources than the one before."""
 
     @property
-    def problems(self) -> tuple[UsdSplatError, ...]:
-        """Problems of parts that are not drawn, although the prim is."""
+    def findings(self) -> tuple[Finding, ...]:
+        """Findings about parts that are not drawn as authored, although the prim is drawn."""
         geometry = self._geometry.problems if self._geometry else []
-        return (*geometry, *self._primvar_problems.values(), *self._material_problems)
+        left_out = (*geometry, *self._primvar_problems.values())
+        return (*(from_error("left-out", why) for why in left_out), *self._material_findings)
 
     def read(self, prim: Usd.Prim, bits: DirtyBits, context: Context) -> MeshSpec | None:
         """Return the mesh, or None if it has no triangles.
@@ -99,7 +101,7 @@ class MeshReader:
     def _read_looks(self, prim: Usd.Prim, context: Context, geometry: Geometry) -> None:
         sources = Sources(prim.GetStage(), DirtyBits.MATERIAL_ID)
         reader = MaterialReader(context.time, self._textures, sources)
-        self._material_problems = reader.problems
+        self._material_findings = reader.findings
         try:
             materials = [bound_material(prim, sources)]
             look_of = np.zeros(len(geometry.triangles), np.int32)
@@ -122,7 +124,7 @@ class MeshReader:
         try:
             return integers(where, value(subset.GetIndicesAttr(), time))
         except UsdSplatError as error:
-            self._material_problems.append(error)
+            self._material_findings.append(from_error("left-out", error))
             return np.empty(0, np.int32)
 
     def _assemble(self, prim: Usd.Prim, context: Context, geometry: Geometry) -> MeshSpec:

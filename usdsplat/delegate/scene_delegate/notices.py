@@ -12,6 +12,8 @@ from typing import Any
 
 from pxr import Sdf, Tf, Usd
 
+from usdsplat.delegate.scene_delegate.names import DRAWING, KNOWN
+
 COLOR_SPACE = "colorSpace"
 INHERITED = ("material:binding", "primvars:", "skel:")
 """Prefixes of properties that meshes inherit from their ancestors."""
@@ -84,7 +86,8 @@ class NoticeListener:
         colored = path.name.startswith("radiance:") and new
         self._changes.inherited |= new and path.name.startswith(INHERITED)
         regrouped = path.name == "prototypes" or path.name.startswith("collection:")
-        self._changes.structural |= regrouped or is_color_space(path.name) or colored
+        misspelt = new and path.name.startswith(DRAWING) and path.name not in KNOWN
+        self._changes.structural |= regrouped or is_color_space(path.name) or colored or misspelt
 
 
 def is_color_space(name: str) -> bool:

@@ -16,12 +16,14 @@ from typing import Literal
 from pxr import Sdf, Usd, UsdGeom, UsdLux, UsdSkel
 
 from usdsplat import schema
-from usdsplat.core.errors import StageError, UsdSplatError
+from usdsplat.core.findings import Finding, finding
 from usdsplat.delegate.instancing import Link, Placement
+from usdsplat.delegate.scene_delegate.names import unknown_names
 from usdsplat.delegate.scene_delegate.notices import INHERITED
+from usdsplat.delegate.scene_delegate.unsupported import why_not_drawn
 from usdsplat.delegate.scene_delegate.volumes import NO_CROP, Crop, find_crop, has_crop
 
-Kind = Literal["field", "mesh", "instancer", "camera", "light", ""]
+Kind = Literal["field", "mesh", "instancer", "camera", "light", "other", ""]
 
 SHAPES = (
     UsdGeom.Mesh,
@@ -108,8 +110,10 @@ class Population:
     instancers: dict[str, Usd.Prim] = field(default_factory=dict)
     cameras: dict[str, Usd.Prim] = field(default_factory=dict)
     lights: dict[str, Usd.Prim] = field(default_factory=dict)
-    problems: dict[str, UsdSplatError] = field(default_factory=dict)
-    """Path -> error, for prims that are not used."""
+    others: list[tuple[Usd.Prim, str]] = field(default_factory=list)
+    """Prims that are not drawn, with the code of the finding; of equal instances one."""
+    findings: list[Finding] = field(default_factory=list)
+    """What prims ask for and do not get, apart from their values."""
 
     def rprims(self) -> Iterator[tuple[str, RprimEntry]]:
         """Yield (path, entry) of fields and meshes."""
@@ -146,6 +150,8 @@ class _Walk:
         self._kinds: dict[str, Kind] = {}
         self._seen: dict[tuple[object, ...], list[Appearance]] = {}
         self._above: dict[Sdf.Path, tuple[Sdf.Path, ...]] = {}
+        self._others: set[Sdf.Path] = set()
+        self._checked: set[Sdf.Path] = set()
         self._found = Population()
 
     def scan(self, root: Usd.Prim, links: tuple[Link, ...], outer: tuple[Level, ...]) -> None:
@@ -153,6 +159,7 @@ class _Walk:
         defined = not links or (root.IsDefined() and not root.IsAbstract())
         prims = iter(Usd.PrimRange(root, IN_WORLD if defined else IN_PROTOTYPE))
         for prim in prims:
+            self._check_names(prim)
             kind = self._kind(prim)
             if not kind:
                 continue
@@ -162,6 +169,8 @@ class _Walk:
             elif kind == "instancer":
                 prims.PruneChildren()  # prototypes below an instancer appear only through it
                 self._enter(prim, links, levels)
+            elif kind == "other":
+                self._add_other(prim)
             elif not links:
                 found = self._found.cameras if kind == "camera" else self._found.lights
                 found[str(prim.GetPath())] = prim
@@ -200,6 +209,21 @@ class _Walk:
         key = (kind, source_of(prim).GetPath(), inherited)
         self._seen.setdefault(key, []).append(appearance)
 
+    def _check_names(self, prim: Usd.Prim) -> None:
+        """Add a finding for each unknown name, of equal instances one."""
+        if prim.IsInstanceProxy():
+            source = source_of(prim).GetPath()
+            if source in self._checked:
+                return
+            self._checked.add(source)
+        self._found.findings += unknown_names(prim)
+
+    def _add_other(self, prim: Usd.Prim) -> None:
+        source = source_of(prim).GetPath()
+        if source not in self._others:
+            self._others.add(source)
+            self._found.others.append((prim, why_not_drawn(prim)))
+
     def _inherited_looks(self, prim: Usd.Prim) -> tuple[Sdf.Path, ...]:
         """Return the prims above an instance from which meshes in it inherit their look."""
         if not prim.IsInstanceProxy():
@@ -218,7 +242,8 @@ class _Walk:
         path = str(instancer.GetPath())
         if any(link.instancer == path for link in links):
             found = "an instancer that is among its own prototypes"
-            self._found.problems[path] = StageError(path, found, "prototypes without a cycle")
+            expected = "prototypes without a cycle"
+            self._found.findings.append(finding("bad-instancer", path, found, expected))
             return
         self._found.instancers[path] = instancer
         targets = UsdGeom.PointInstancer(instancer).GetPrototypesRel().GetForwardedTargets()
@@ -227,8 +252,9 @@ class _Walk:
             if root:
                 self.scan(root, (*links, Link(instancer=path, prototype=number)), levels)
             else:
-                error = StageError(path, f"no prim at its prototype {target}", "an existing one")
-                self._found.problems[path] = error
+                found = f"no prim at its prototype {target}"
+                problem = finding("bad-instancer", path, found, "an existing one")
+                self._found.findings.append(problem)
 
 
 def _enlist(entries: dict[str, RprimEntry], seen: list[Appearance], crop: Crop) -> None:
@@ -251,7 +277,9 @@ def _classify(prim: Usd.Prim) -> Kind:
         return "instancer"
     if prim.IsA(UsdGeom.Camera):
         return "camera"
-    return "light" if prim.IsA(UsdLux.DistantLight) else ""
+    if prim.IsA(UsdLux.DistantLight):
+        return "light"
+    return "other" if why_not_drawn(prim) else ""
 
 
 def _givers(prim: Usd.Prim) -> tuple[Sdf.Path, ...]:

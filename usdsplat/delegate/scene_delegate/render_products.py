@@ -6,17 +6,20 @@ declares our own attributes under `splat:`.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from types import MappingProxyType
 from typing import Any, Literal
 
 from pxr import Sdf, Usd, UsdRender
 
 from usdsplat.core.errors import StageError
+from usdsplat.core.findings import Finding, finding
 from usdsplat.core.knobs import checked
 from usdsplat.delegate.product import ProductSpec
 from usdsplat.delegate.scene_delegate import collections
-from usdsplat.render.framing import data_window
+from usdsplat.render.framing import CONFORM, data_window
 from usdsplat.render.settings import RenderSettings, usd_names
 from usdsplat.render.specs import Framing
 
@@ -59,6 +62,8 @@ omitted."""
 
 HALF_TYPES = {"half", "half2", "half3", "half4", "color3h", "color4h", "vector3h", "point3h"}
 
+POLICY = "aspectRatioConformPolicy"
+NO_OVERRIDES: Mapping[str, Any] = MappingProxyType({})
 DISABLERS = {
     "motion_blur": ("disableMotionBlur", "instantaneousShutter"),
     "depth_of_field": ("disableDepthOfField",),
@@ -76,20 +81,54 @@ def find_products(
     overrides: Mapping[str, Any],
 ) -> tuple[ProductSpec, ...]:
     """Implement `Engine.products`, which describes the arguments."""
+    found = []
+    for spec in read_products(
+        stage,
+        time=time,
+        settings_path=settings_path,
+        camera=camera,
+        resolution=resolution,
+        overrides=overrides,
+    ):
+        if isinstance(spec, StageError):
+            raise spec
+        found.append(spec)
+    return tuple(found)
+
+
+def read_products(
+    stage: Usd.Stage,
+    *,
+    time: float | None,
+    settings_path: str | None,
+    camera: str | None = None,
+    resolution: tuple[int, int] | None = None,
+    overrides: Mapping[str, Any] = NO_OVERRIDES,
+) -> Iterator[ProductSpec | StageError]:
+    """Yield each product of the stage's settings, or the error why it cannot be read.
+
+    Args are those of `Engine.products`.
+
+    Raises:
+        StageError: If the settings cannot be used.
+        UsageError: If an override is invalid.
+    """
     prim, render_pass = _sources(stage, settings_path)
     if prim is None:
-        return ()
-    warnings = () if render_pass is None else _not_honoured(render_pass)
+        return
+    findings = () if render_pass is None else _not_honoured(render_pass)
     code = Usd.TimeCode.Default() if time is None else Usd.TimeCode(time)
-    found = []
     for target in UsdRender.Settings(prim).GetProductsRel().GetForwardedTargets():
         product = stage.GetPrimAtPath(target)
         if not product or not product.IsA(UsdRender.Product):
-            raise StageError(f"{prim.GetPath()}.products", str(target), "a RenderProduct prim")
+            yield StageError(f"{prim.GetPath()}.products", str(target), "a RenderProduct prim")
+            continue
         reader = _Reader(product, prim, render_pass, code)
-        spec = reader.product(camera=camera, resolution=resolution, overrides=overrides)
-        found.append(replace(spec, warnings=(*warnings, *reader.foreign())))
-    return tuple(found)
+        try:
+            spec = reader.product(camera=camera, resolution=resolution, overrides=overrides)
+            yield replace(spec, findings=(*findings, *reader.foreign()))
+        except StageError as error:
+            yield error
 
 
 def _sources(stage: Usd.Stage, path: str | None) -> tuple[Usd.Prim | None, Usd.Prim | None]:
@@ -136,18 +175,16 @@ def _rendered_by(render_pass: Usd.Prim) -> list[Sdf.Path]:
     return list(source.GetRenderSourceRel().GetForwardedTargets())
 
 
-def _not_honoured(render_pass: Usd.Prim) -> tuple[str, ...]:
-    """Return a sentence for each collection of a pass that is not supported."""
+def _not_honoured(render_pass: Usd.Prim) -> tuple[Finding, ...]:
+    """Return a finding for each collection of a pass that is not supported."""
     stage, found = render_pass.GetStage(), []
     for name in ("renderVisibility", "cameraVisibility", "prune"):
         held = collections.rules(stage, [Usd.CollectionAPI(render_pass, name)])
         expected = () if name == "prune" else collections.everything(stage)
         if held != expected:
-            words = (
-                f"found some prims, expected {'all' if expected else 'none'}; all are drawn, "
-                "because the collection is not supported"
-            )
-            found.append(f"{render_pass.GetPath()} collection:{name}: {words}")
+            where = f"{render_pass.GetPath()}.collection:{name}"
+            wanted = "all" if expected else "none"
+            found.append(finding("unsupported-pass", where, "some prims", wanted))
     return tuple(found)
 
 
@@ -197,11 +234,15 @@ class _Reader:
 
     def _value(self, name: str) -> Any:
         """Return an attribute of the product if authored, else of the settings."""
-        own = self._product.GetAttribute(name)
-        prim = self._product if own and own.HasAuthoredValue() else self._settings
+        prim = self._giver(name)
         value = prim.GetAttribute(name).Get(self._time)
         blocked = value is None
         return prim.GetPrimDefinition().GetAttributeFallbackValue(name) if blocked else value
+
+    def _giver(self, name: str) -> Usd.Prim:
+        """Return the product if it authors an attribute, else the settings."""
+        own = self._product.GetAttribute(name)
+        return self._product if own and own.HasAuthoredValue() else self._settings
 
     def _camera(self) -> str:
         for prim in (self._product, self._settings):
@@ -212,11 +253,25 @@ class _Reader:
 
     def _framing(self, resolution: tuple[int, int] | None) -> Framing:
         width, height = resolution or self._value("resolution")
+        if min(width, height) < 1:
+            where = f"{self._giver('resolution').GetPath()}.resolution"
+            raise StageError(where, f"({width}, {height})", "at least one pixel on each side")
+        window = tuple(self._value("dataWindowNDC"))
+        if not all(map(math.isfinite, window)):
+            where = f"{self._giver('dataWindowNDC').GetPath()}.dataWindowNDC"
+            raise StageError(where, str(window), "finite numbers")
+        ratio, policy = float(self._value("pixelAspectRatio")), str(self._value(POLICY))
+        if not 0 < ratio < math.inf:
+            where = f"{self._giver('pixelAspectRatio').GetPath()}.pixelAspectRatio"
+            raise StageError(where, f"{ratio:g}", "a positive number")
+        if policy not in CONFORM:
+            where = f"{self._giver(POLICY).GetPath()}.{POLICY}"
+            raise StageError(where, repr(policy), f"one of {', '.join(CONFORM)}")
         return Framing(
             resolution=(int(width), int(height)),
-            data_window=data_window(tuple(self._value("dataWindowNDC")), (width, height)),
-            pixel_aspect_ratio=float(self._value("pixelAspectRatio")),
-            conform=str(self._value("aspectRatioConformPolicy")),
+            data_window=data_window(window, (width, height)),
+            pixel_aspect_ratio=ratio,
+            conform=policy,
         )
 
     def _render_settings(self, overrides: Mapping[str, Any]) -> RenderSettings:
@@ -232,13 +287,13 @@ class _Reader:
         checked(str(self._product.GetPath()), RenderSettings, values)
         return checked("render settings", RenderSettings, {**values, **overrides})
 
-    def foreign(self) -> tuple[str, ...]:
-        """Return a sentence for each var that is not supported, such as a light path."""
+    def foreign(self) -> tuple[Finding, ...]:
+        """Return a finding for each var that is not supported, such as a light path."""
         sources = [
             (str(var.GetPath()), str(var.GetSourceNameAttr().Get())) for var in self._all_vars()
         ]
         return tuple(
-            f"{path}.sourceName: found {name!r}, expected one of {', '.join(AOVS)}; it is left out"
+            finding("unknown-var", f"{path}.sourceName", repr(name), f"one of {', '.join(AOVS)}")
             for path, name in sources
             if name not in AOVS
         )

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from pxr import Usd, UsdGeom
 
-from usdsplat.core.errors import StageError
+from usdsplat.core.findings import Finding, finding
 from usdsplat.render.specs import CropShape
 from usdsplat.schema import tokens
 
@@ -41,8 +41,8 @@ class Crop:
     """The crop volumes of a field."""
 
     volumes: tuple[Volume, ...] = ()
-    problem: StageError | None = None
-    """A problem of the collections, such as prims that cannot crop."""
+    findings: tuple[Finding, ...] = ()
+    """Problems of the collections, such as prims that cannot crop."""
     signature: tuple[object, ...] = ()
     """Key that is equal if only values can have changed; computed while the prims are valid."""
 
@@ -63,21 +63,39 @@ def find_crop(prim: Usd.Prim, *, carried: bool) -> Crop:
     if not has_crop(prim):
         return NO_CROP
     volumes: list[Volume] = []
-    problem = None
+    findings: list[Finding] = []
     for name, keeps in _COLLECTIONS.items():
-        for member in _members(Usd.CollectionAPI(prim, name)):
-            if member.GetTypeName() in SHAPES:
-                volumes.append(Volume(prim=member, keeps=keeps))
-            elif not _is_group(member) and problem is None:
-                found = f"{member.GetTypeName()} {member.GetPath()}, which cannot crop"
-                expected = f"one of {', '.join(SHAPES)}"
-                problem = StageError(f"{prim.GetPath()} collection:{name}", found, expected)
-    if volumes and carried and problem is None:
+        members = [
+            Volume(prim=member, keeps=keeps)
+            for member in _members(Usd.CollectionAPI(prim, name))
+            if member.GetTypeName() in SHAPES
+        ]
+        volumes += members
+        findings += _problems(prim, name, has_volumes=bool(members))
+    if volumes and carried:
         found = "crop volumes of a field that is instanced by a point instancer"
         expected = "none: such volumes do not move with the instances"
-        problem = StageError(str(prim.GetPath()), found, expected)
+        findings.append(finding("crop-member", str(prim.GetPath()), found, expected))
     signature = [(each.prim.GetPath(), each.prim.GetTypeName(), each.keeps) for each in volumes]
-    return Crop(volumes=tuple(volumes), problem=problem, signature=(str(problem), *signature))
+    told = tuple(each.key for each in findings)
+    return Crop(volumes=tuple(volumes), findings=tuple(findings), signature=(told, *signature))
+
+
+def _problems(prim: Usd.Prim, name: str, *, has_volumes: bool) -> Iterator[Finding]:
+    """Yield what a crop collection asks for and does not get."""
+    stage, where = prim.GetStage(), f"{prim.GetPath()}.collection:{name}"
+    includes = prim.GetRelationship(f"collection:{name}:includes")
+    targets = includes.GetForwardedTargets() if includes else []
+    missing = [path for path in targets if not stage.GetPrimAtPath(path.GetPrimPath())]
+    for path in missing:
+        yield finding("missing-prim", where, f"{path}, which does not exist", "a crop volume")
+    for member in _members(Usd.CollectionAPI(prim, name)):
+        if member.GetTypeName() not in SHAPES and not _is_group(member):
+            found = f"{member.GetTypeName()} {member.GetPath()}, which cannot crop"
+            yield finding("crop-member", where, found, f"one of {', '.join(SHAPES)}")
+    if len(targets) > len(missing) and not has_volumes:
+        found = "a collection without crop volumes"
+        yield finding("empty-crop", where, found, f"one of {', '.join(SHAPES)}")
 
 
 def _members(collection: Usd.CollectionAPI) -> Iterator[Usd.Prim]:

@@ -81,7 +81,7 @@ class LiveRun(Job):
             layer = LiveLayer(stage, baked_fields(simulation), budget=self._budget)
             self.layer = layer
         simulation.begin()
-        remarks = "; ".join(simulation.remarks)
+        remarks = "; ".join(found.told for found in simulation.findings)
         due = began = time.perf_counter()
         held = self.gate.held
         for number in itertools.count() if self.end is None else range(count):

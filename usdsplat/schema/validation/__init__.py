@@ -12,11 +12,13 @@ from dataclasses import replace
 import numpy as np
 from pxr import Usd
 
+from usdsplat.core.findings import Finding
+from usdsplat.core.findings import finding as make_finding
 from usdsplat.core.progress import Progress, silent
 from usdsplat.schema import attributes, tokens
 from usdsplat.schema.field import is_splat_field
 from usdsplat.schema.validation import arrays, box, packing, radiance
-from usdsplat.schema.validation.finding import Finding, Sample
+from usdsplat.schema.validation.finding import Sample
 
 __all__ = [
     "CHECKS",
@@ -103,9 +105,9 @@ def check_field(
         sample = Sample(prim, code)
         for check in checks:
             for finding in _quietly(check, sample):
-                if finding.name != arrays.WRONG_TYPE and not sample.is_typed(finding.attribute):
+                if finding.code != arrays.WRONG_TYPE and not sample.is_typed(finding.attribute):
                     continue  # other findings would only follow from the type
-                key = (finding.attribute, finding.name)
+                key = (finding.attribute, finding.code)
                 seen = merged.get(key)
                 merged[key] = replace(seen, samples=seen.samples + 1) if seen else finding
     return [
@@ -141,17 +143,13 @@ def _quietly(check: Check, sample: Sample) -> list[Finding]:
 
 def _stage_metadata(stage: Usd.Stage) -> Iterator[Finding]:
     """Check metadata that determines the orientation and size of captures."""
-    for name, assumed in (("upAxis", "Y"), ("metersPerUnit", "0.01")):
+    for code, name, assumed in (
+        ("no-up-axis", "upAxis", "Y"),
+        ("no-meters-per-unit", "metersPerUnit", "0.01"),
+    ):
         if not stage.HasAuthoredMetadata(name):
-            yield Finding(
-                severity="warning",
-                path="/",
-                attribute="",
-                name=f"no{name[0].upper()}{name[1:]}",
-                found=f"no {name}, so that {assumed} is assumed",
-                expected=f"{name} in the root layer",
-                cure=f"author {name} in the root layer",
-            )
+            found = f"no {name}, so that {assumed} is assumed"
+            yield make_finding(code, "/", found, f"{name} in the root layer")
 
 
 def splat_fields(stage: Usd.Stage) -> Iterator[Usd.Prim]:

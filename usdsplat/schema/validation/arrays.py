@@ -3,21 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
+from pxr import Usd
 
 from usdsplat.core.cloud import F32
+from usdsplat.core.findings import Finding
 from usdsplat.core.wording import counted
-from usdsplat.schema import stock, tokens
-from usdsplat.schema.validation.finding import Finding, Sample
+from usdsplat.schema import attributes, stock, tokens
+from usdsplat.schema.validation.finding import Sample
 from usdsplat.schema.validation.value_types import actual_type, expected_type
 
 UNIT_TOLERANCE = 1e-3
 """Tolerance for the length of a quaternion; the bound of NVIDIA's rule VG.035."""
 
-WRONG_TYPE = "wrongType"
-"""Name of a finding about the type of an attribute."""
+WRONG_TYPE = "wrong-type"
+"""Code of a finding about the type of an attribute."""
 
 _STOCK = (*tokens.HALF_OF, tokens.SH_DEGREE)
 _PACKED = (tokens.POSITIONS, *tokens.PACKED_ARRAYS, tokens.SH_DEGREE)
@@ -56,7 +60,7 @@ def first_samples(sample: Sample) -> Iterator[Finding]:
                 f"for {half}"
             )
             cure = "begin with at least one splat; its opacity can be 0"
-            yield sample.finding("warning", attribute, "emptyFirst", found, expected, cure)
+            yield sample.finding("warning", attribute, "empty-first", found, expected, cure)
 
 
 def lengths(sample: Sample) -> Iterator[Finding]:
@@ -65,7 +69,7 @@ def lengths(sample: Sample) -> Iterator[Finding]:
     if not n:
         cure = "author positions"
         found, expected = "no centres", "at least one"
-        yield sample.finding("warning", tokens.POSITIONS, "noSplats", found, expected, cure)
+        yield sample.finding("warning", tokens.POSITIONS, "no-splats", found, expected, cure)
         return
     for name, consequence in ({} if sample.is_packed else _WITHOUT).items():
         yield from _length(sample, name, n, f"readers use {consequence} instead")
@@ -98,7 +102,7 @@ def identities(sample: Sample) -> Iterator[Finding]:
     if len(repeated):
         found = f"{len(repeated)} repeated (first: {repeated[0]})"
         cure = "give every splat a unique id, or remove the attribute"
-        yield sample.finding("error", tokens.IDS, "repeatedIds", found, "each id once", cure)
+        yield sample.finding("error", tokens.IDS, "repeated-ids", found, "each id once", cure)
 
 
 def half_only(sample: Sample) -> Iterator[Finding]:
@@ -109,7 +113,7 @@ def half_only(sample: Sample) -> Iterator[Finding]:
         listed = ", ".join(halves)
         expected = "the float attributes, which other applications require"
         cure = "convert to the float form for interchange"
-        yield sample.finding("warning", halves[0], "halfOnly", f"only {listed}", expected, cure)
+        yield sample.finding("warning", halves[0], "half-only", f"only {listed}", expected, cure)
 
 
 def _has_values(sample: Sample, attribute: str) -> bool:
@@ -129,10 +133,10 @@ def _length(sample: Sample, attribute: str, n: int, consequence: str) -> Iterato
         yield sample.finding("warning", name, "missing", "no value", expected, cure)
     elif found < n:
         cure = f"author one value for each centre; {consequence}"
-        yield sample.finding("error", name, "tooShort", counted(found, "value"), expected, cure)
+        yield sample.finding("error", name, "too-short", counted(found, "value"), expected, cure)
     elif found > n:
         cure = "author one value for each centre; readers ignore the rest"
-        yield sample.finding("warning", name, "tooLong", counted(found, "value"), expected, cure)
+        yield sample.finding("warning", name, "too-long", counted(found, "value"), expected, cure)
 
 
 def _finite(sample: Sample, attribute: str) -> Iterator[Finding]:
@@ -144,7 +148,7 @@ def _finite(sample: Sample, attribute: str) -> Iterator[Finding]:
     yield sample.finding(
         "error",
         sample.name(attribute),
-        "notFinite",
+        "not-finite",
         _rows(bad, numbers),
         "finite numbers",
         "prune the splats with NaN or infinity",
@@ -159,12 +163,32 @@ def scales(sample: Sample) -> Iterator[Finding]:
         cure = "author standard deviations; if these are logarithms, take their exponential"
         found = _rows(lowest < 0, deviations)
         name = sample.name(tokens.SCALES)
-        yield sample.finding("error", name, "negativeScale", found, "positive numbers", cure)
-    if (lowest == 0).any():
+        yield sample.finding("error", name, "negative-scale", found, "positive numbers", cure)
+    flat = lowest == 0
+    if flat.any():
         cure = "give flat splats a small thickness: other applications require scales above 0"
-        found = _rows(lowest == 0, deviations)
+        if _newborn(sample)[flat].all():
+            cure = (
+                "none is needed here: these splats begin in this sample and grow; for applications "
+                "that require scales above 0, delete the sample's splats of scale 0"
+            )
+        found = _rows(flat, deviations)
         name = sample.name(tokens.SCALES)
-        yield sample.finding("warning", name, "zeroScale", found, "positive numbers", cure)
+        yield sample.finding("warning", name, "zero-scale", found, "positive numbers", cure)
+
+
+def _newborn(sample: Sample) -> npt.NDArray[np.bool_]:
+    """Return which splats are not in the sample before, by their ids, shape (n,)."""
+    ids = sample.array(tokens.IDS)
+    none = np.zeros(sample.count, np.bool_)
+    if ids is None or len(ids) != sample.count or not sample.code.IsNumeric():
+        return none
+    times = attributes.sample_times(sample.prim, {tokens.IDS})
+    earlier = [time for time in times if time < sample.code.GetValue()]
+    if not earlier:
+        return none
+    before = replace(sample, code=Usd.TimeCode(max(earlier))).array(tokens.IDS)
+    return none if before is None else ~np.isin(ids, before)
 
 
 def _quaternions(sample: Sample) -> Iterator[Finding]:
@@ -178,7 +202,7 @@ def _quaternions(sample: Sample) -> Iterator[Finding]:
         yield sample.finding(
             "error",
             sample.name(tokens.ORIENTATIONS),
-            "notUnit",
+            "not-unit",
             _rows(bad, lengths, "norm "),
             f"length 1 within {UNIT_TOLERANCE:g}",
             "normalise the quaternions",
@@ -193,7 +217,7 @@ def _opacities(sample: Sample) -> Iterator[Finding]:
         yield sample.finding(
             "error",
             sample.name(tokens.OPACITIES),
-            "opacityRange",
+            "opacity-range",
             _rows(bad, opacities),
             "0 to 1",
             "author opacities; if these are logits, take their sigmoid",

@@ -7,11 +7,12 @@ from collections.abc import Iterator
 import numpy as np
 
 from usdsplat.core.errors import UsdSplatError
+from usdsplat.core.findings import Finding
 from usdsplat.core.wording import counted
 from usdsplat.schema import tokens
 from usdsplat.schema.extent import compute_extent
 from usdsplat.schema.field import fetch
-from usdsplat.schema.validation.finding import Finding, Sample
+from usdsplat.schema.validation.finding import Sample
 
 _TOLERANCE = 1e-4  # of the diagonal
 _SHAPE = (tokens.ORIENTATIONS, tokens.SCALES)
@@ -24,11 +25,11 @@ def extent(sample: Sample) -> Iterator[Finding]:
         return  # the reach of the splats is unknown
     box = sample.array(tokens.EXTENT)
     if box is None:
-        yield sample.finding("error", tokens.EXTENT, "noExtent", "no value", "two corners", _CURE)
+        yield sample.finding("error", tokens.EXTENT, "no-extent", "no value", "two corners", _CURE)
         return
     if len(box) != 2:
         found = counted(len(box), "value")
-        yield sample.finding("error", tokens.EXTENT, "extentSize", found, "two corners", _CURE)
+        yield sample.finding("error", tokens.EXTENT, "extent-size", found, "two corners", _CURE)
         return
     try:
         cloud = fetch(sample.prim, sample.code)
@@ -57,7 +58,7 @@ def _small(
     return sample.finding(
         "error" if severity == "error" else "warning",
         tokens.EXTENT,
-        "extentTooSmall",
+        "extent-too-small",
         _corners(box),
         f"at least {_corners(needed)} to {purpose}",
         _CURE,

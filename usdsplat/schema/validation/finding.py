@@ -1,62 +1,25 @@
-"""Findings of validation, and the samples that they are about."""
+"""Samples of fields that validation checks, and findings about them."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from pxr import Usd
 
 from usdsplat.core.cloud import F32
+from usdsplat.core.findings import Finding, Severity
 from usdsplat.core.sh import coefficient_count
-from usdsplat.core.wording import counted
 from usdsplat.schema import attributes, stock, tokens
 from usdsplat.schema.field import is_packed
 from usdsplat.schema.validation.published import broken_rule
 from usdsplat.schema.validation.value_types import fits
 from usdsplat.schema.vt import as_float32
 
-Severity = Literal["error", "warning"]
-
-
-COMPARED = {"tooShort", "tooLong", "coefficientCount", "packedCount", "extentTooSmall"}
+COMPARED = {"too-short", "too-long", "coefficient-count", "packed-count", "extent-too-small"}
 """Findings that also depend on other attributes, and therefore on their sample times."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Finding:
-    """A problem of a splat field, with its cure."""
-
-    severity: Severity
-    """An error changes the picture or prevents it; a warning may be a problem in other
-    applications."""
-    path: str
-    """Path of the prim."""
-    attribute: str
-    """Attribute concerned; "" for the prim as a whole."""
-    name: str
-    """Identifier of the kind of finding, shared by all findings with the same cure."""
-    found: str
-    expected: str
-    cure: str
-    time: float | None = None
-    """Time code of the first affected sample; None for a value that does not change."""
-    samples: int = 1
-    """Number of affected samples."""
-    rule: str = ""
-    """Published rule that it violates, see `published`; "" for none."""
-
-    @property
-    def message(self) -> str:
-        """The finding as one sentence, *where: found X, expected Y*."""
-        where = f"{self.path}.{self.attribute}" if self.attribute else self.path
-        if self.time is not None:
-            where += f" at {self.time:g}"
-        if self.samples > 1:
-            where += f" (and {counted(self.samples - 1, 'more sample')})"
-        return f"{where}: found {self.found}, expected {self.expected}"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -117,21 +80,21 @@ class Sample:
         return coefficient_count(max(self.degree, 0))
 
     def finding(
-        self, severity: Severity, attribute: str, name: str, found: str, expected: str, cure: str
+        self, severity: Severity, attribute: str, code: str, found: str, expected: str, cure: str
     ) -> Finding:
         """Return a finding about this sample."""
         names = {attribute} if attribute else set()
-        if name in COMPARED:
+        if code in COMPARED:
             names |= tokens.DATA_ATTRIBUTES
         varies = bool(attributes.sample_times(self.prim, names))
         return Finding(
             severity=severity,
             path=str(self.prim.GetPath()),
             attribute=attribute,
-            name=name,
+            code=code,
             found=found,
             expected=expected,
             cure=cure,
             time=self.code.GetValue() if varies and self.code.IsNumeric() else None,
-            rule=broken_rule(str(self.prim.GetTypeName()), attribute, name),
+            rule=broken_rule(str(self.prim.GetTypeName()), attribute, code),
         )

@@ -6,10 +6,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from usdsplat.core.findings import Finding
 from usdsplat.core.sh import MAX_DEGREE
 from usdsplat.core.wording import counted
 from usdsplat.schema import packing, tokens
-from usdsplat.schema.validation.finding import Finding, Sample
+from usdsplat.schema.validation.finding import Sample
 
 _CURE = "author the prim with usdsplat.schema.author, which writes all packed arrays together"
 
@@ -23,7 +24,7 @@ def layout(sample: Sample) -> Iterator[Finding]:
         yield sample.finding(
             "error",
             tokens.PACKING,
-            "unknownPacking",
+            "unknown-packing",
             repr(token),
             repr(packing.TOKEN),
             "read the prim with the version of usdsplat that wrote it, or a newer one",
@@ -48,7 +49,7 @@ def arrays(sample: Sample) -> Iterator[Finding]:
             yield sample.finding(
                 "error" if found < expected else "warning",
                 name,
-                "packedCount",
+                "packed-count",
                 counted(found, "value"),
                 f"{expected} ({counted(n, 'splat')} of degree {degree})",
                 _CURE,

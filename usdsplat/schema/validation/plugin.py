@@ -11,17 +11,18 @@ from collections.abc import Callable
 
 from pxr import Usd, UsdValidation
 
+from usdsplat.core.findings import Finding
 from usdsplat.schema.field import is_splat_field
 from usdsplat.schema.validation import CHECKS, check_field, sample_codes
-from usdsplat.schema.validation.finding import Finding
 
 _TYPES = {
     "error": UsdValidation.ValidationErrorType.Error,
     "warning": UsdValidation.ValidationErrorType.Warn,
+    "note": UsdValidation.ValidationErrorType.Info,
 }
 
 
-_CHOICES = ("halfOnly", "interchangeDegree")
+_CHOICES = ("half-only", "interchange-degree")
 """Findings about a form that the user chose, which `usdsplat validate` prints: they are no faults
 of an asset, which UsdValidation lists."""
 
@@ -41,9 +42,15 @@ def _validator(group: str) -> Callable[..., list[UsdValidation.ValidationError]]
             if code.IsDefault() or interval.Contains(code.GetValue())
         ]
         found = check_field(prim, CHECKS[group], codes)
-        return [_error(prim, each) for each in found if each.name not in _CHOICES]
+        return [_error(prim, each) for each in found if each.code not in _CHOICES]
 
     return run
+
+
+def _camel(code: str) -> str:
+    """Return a code as the name of a UsdValidation error, which must be an identifier."""
+    first, *rest = code.split("-")
+    return first + "".join(word.capitalize() for word in rest)
 
 
 def _error(prim: Usd.Prim, finding: Finding) -> UsdValidation.ValidationError:
@@ -54,7 +61,8 @@ def _error(prim: Usd.Prim, finding: Finding) -> UsdValidation.ValidationError:
     site = UsdValidation.ValidationErrorSite(prim.GetStage(), path)
     rule = f" (rule {finding.rule})" if finding.rule else ""
     message = f"{finding.message}; {finding.cure}{rule}"
-    return UsdValidation.ValidationError(finding.name, _TYPES[finding.severity], [site], message)
+    name, kind = _camel(finding.code), _TYPES[finding.severity]
+    return UsdValidation.ValidationError(name, kind, [site], message)
 
 
 for _group in CHECKS:

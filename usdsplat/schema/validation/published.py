@@ -16,32 +16,32 @@ RULE = "VG.035"
 _SHAPE = {tokens.SCALES, tokens.ORIENTATIONS, tokens.OPACITIES}
 _HALF = set(tokens.HALF_OF.values())
 _BROKEN_BY = {
-    "noSplats": {tokens.POSITIONS},
+    "no-splats": {tokens.POSITIONS},
     "missing": {*_SHAPE, tokens.SH_COEFFICIENTS},
-    "halfOnly": _HALF,
-    "tooShort": _SHAPE,
-    "tooLong": _SHAPE,
-    "zeroScale": {tokens.SCALES},
-    "negativeScale": {tokens.SCALES},
-    "opacityRange": {tokens.OPACITIES},
-    "notUnit": {tokens.ORIENTATIONS},
+    "half-only": _HALF,
+    "too-short": _SHAPE,
+    "too-long": _SHAPE,
+    "zero-scale": {tokens.SCALES},
+    "negative-scale": {tokens.SCALES},
+    "opacity-range": {tokens.OPACITIES},
+    "not-unit": {tokens.ORIENTATIONS},
     "degree": {tokens.SH_DEGREE},
-    "interchangeDegree": {tokens.SH_DEGREE},
-    "coefficientCount": {tokens.SH_COEFFICIENTS},
-    "elementSize": {tokens.SH_COEFFICIENTS},
+    "interchange-degree": {tokens.SH_DEGREE},
+    "coefficient-count": {tokens.SH_COEFFICIENTS},
+    "element-size": {tokens.SH_COEFFICIENTS},
     "interpolation": {tokens.SH_COEFFICIENTS},
-    "noExtent": {tokens.EXTENT},
+    "no-extent": {tokens.EXTENT},
 }
-"""Name of a finding -> attributes for which it violates the rule."""
+"""Code of a finding -> attributes for which it violates the rule."""
 
 
-def broken_rule(prim_type: str, attribute: str, name: str) -> str:
+def broken_rule(prim_type: str, attribute: str, code: str) -> str:
     """Return the rule that a finding violates; "" for none.
 
     Args:
         prim_type: Type of the prim.
         attribute: Attribute of the finding.
-        name: Name of the finding.
+        code: Code of the finding.
     """
     is_judged = prim_type == tokens.STOCK_TYPE
-    return RULE if is_judged and attribute in _BROKEN_BY.get(name, ()) else ""
+    return RULE if is_judged and attribute in _BROKEN_BY.get(code, ()) else ""

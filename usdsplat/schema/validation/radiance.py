@@ -8,10 +8,11 @@ from dataclasses import replace
 from pxr import Usd, UsdGeom
 
 from usdsplat.core.errors import StageError
+from usdsplat.core.findings import Finding
 from usdsplat.core.sh import MAX_DEGREE
 from usdsplat.core.wording import counted
 from usdsplat.schema import attributes, grading, hints, tokens
-from usdsplat.schema.validation.finding import Finding, Sample
+from usdsplat.schema.validation.finding import Sample
 
 INTERCHANGE_DEGREE = 3
 """Highest degree that other applications read."""
@@ -29,7 +30,7 @@ def degree(sample: Sample) -> Iterator[Finding]:
         yield sample.finding(
             "warning",
             tokens.SH_DEGREE,
-            "interchangeDegree",
+            "interchange-degree",
             str(found),
             f"at most {INTERCHANGE_DEGREE}, which other applications read",
             "lower the degree for interchange",
@@ -53,7 +54,7 @@ def coefficients(sample: Sample) -> Iterator[Finding]:
         yield sample.finding(
             "error" if short else "warning",
             name,
-            "coefficientCount",
+            "coefficient-count",
             counted(len(values), "coefficient"),
             f"{expected} ({counted(sample.count, 'splat')} of degree {sample.degree})",
             cure + ("draw grey instead" if short else "ignore the rest"),
@@ -67,14 +68,14 @@ def color_space(sample: Sample) -> Iterator[Finding]:
     cure = f"apply ColorSpaceAPI and set {tokens.COLOR_SPACE} to {tokens.DEFAULT_COLOR_SPACE}"
     if not name:
         yield sample.finding(
-            "warning", tokens.COLOR_SPACE, "noColorSpace", "no colour space", "a named one", cure
+            "warning", tokens.COLOR_SPACE, "no-color-space", "no colour space", "a named one", cure
         )
     elif name in tokens.COLOR_SPACE_ALIASES or not hints.is_known_color_space(name):
         known = name in tokens.COLOR_SPACE_ALIASES
         yield sample.finding(
             "warning" if known else "error",
             tokens.COLOR_SPACE,
-            "unknownColorSpace",
+            "unknown-color-space",
             f"{name!r}, which USD does not know",
             "a name from Gf.ColorSpaceNames",
             f"write {tokens.COLOR_SPACE_ALIASES[name]!r}" if known else cure,
@@ -93,7 +94,7 @@ def modes(sample: Sample) -> Iterator[Finding]:
         if value is not None and value not in allowed:
             expected = f"one of {', '.join(allowed)}"
             cure = f"author one of these; readers assume {allowed[0]}"
-            yield sample.finding("error", name, "unknownMode", repr(value), expected, cure)
+            yield sample.finding("error", name, "unknown-mode", repr(value), expected, cure)
 
 
 def grade(sample: Sample) -> Iterator[Finding]:
@@ -107,7 +108,7 @@ def grade(sample: Sample) -> Iterator[Finding]:
             name = error.where.split()[-1]
             cure = "author a legal value; readers do not draw the field"
             at = replace(sample, code=code)
-            yield at.finding("error", name, "illegalGrade", error.found, error.expected, cure)
+            yield at.finding("error", name, "illegal-grade", error.found, error.expected, cure)
             return
 
 
@@ -118,7 +119,7 @@ def _metadata(sample: Sample, name: str) -> Iterator[Finding]:
     if size != sample.coefficients:
         expected = f"{sample.coefficients}, (degree + 1)^2"
         cure = "set the attribute's elementSize"
-        yield sample.finding("warning", name, "elementSize", f"elementSize {size}", expected, cure)
+        yield sample.finding("warning", name, "element-size", f"elementSize {size}", expected, cure)
     if interpolation != UsdGeom.Tokens.vertex:
         cure = "set the attribute's interpolation"
         yield sample.finding(

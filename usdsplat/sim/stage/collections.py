@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pxr import Usd
 
 from usdsplat import schema
-from usdsplat.core.errors import StageError
+from usdsplat.core.findings import Finding, finding
 from usdsplat.sim.parameters import NAMESPACE
 
 SIMULATION_TYPE = "SplatSim"
@@ -16,25 +16,27 @@ SPLATS = "splats"
 AFFECTORS = "affectors"
 """Collections of a simulation."""
 
+_LEFT_OUT = "left-out-of-simulation"
+
 
 def find_simulations(stage: Usd.Stage) -> list[Usd.Prim]:
     """Return all active, defined SplatSim prims of a stage, in the order of the stage."""
     return [prim for prim in stage.Traverse() if prim.GetTypeName() == SIMULATION_TYPE]
 
 
-def splats(stage: Usd.Stage, simulation: Usd.Prim) -> tuple[list[Usd.Prim], list[str]]:
-    """Return the fields of a simulation, ordered by path, and a sentence for each that is left out.
+def splats(stage: Usd.Stage, simulation: Usd.Prim) -> tuple[list[Usd.Prim], list[Finding]]:
+    """Return the fields of a simulation, ordered by path, and a finding on each that is left out.
 
     Fields in instances are left out, because no opinion can be authored on them.
     """
     everyone = Usd.PrimRange.Stage(stage, Usd.TraverseInstanceProxies())
     found = _members(everyone, simulation, SPLATS, schema.is_splat_field)
-    remarks = [
-        str(StageError(str(prim.GetPath()), "a field in an instance", "one that can be edited"))
+    left_out = [
+        finding(_LEFT_OUT, str(prim.GetPath()), "a field in an instance", "one that can be edited")
         for prim in found
         if prim.IsInstanceProxy()
     ]
-    return [prim for prim in found if not prim.IsInstanceProxy()], remarks
+    return [prim for prim in found if not prim.IsInstanceProxy()], left_out
 
 
 def affectors(stage: Usd.Stage, simulation: Usd.Prim) -> list[Usd.Prim]:

@@ -10,14 +10,15 @@ from pxr import Usd, UsdGeom
 from usdsplat import schema
 from usdsplat.core.cloud import F32, SplatCloud
 from usdsplat.core.errors import StageError
+from usdsplat.core.findings import Finding, finding
 from usdsplat.schema.values import value, vectors
 
 SELECTION = "splatSim:weight"
 """Primvar with the selection weight of splats."""
 
 
-def read_rest(prim: Usd.Prim, start: Usd.TimeCode) -> tuple[SplatCloud, list[str]]:
-    """Return the capture at the start, in its own space, and remarks about it.
+def read_rest(prim: Usd.Prim, start: Usd.TimeCode) -> tuple[SplatCloud, list[Finding]]:
+    """Return the capture at the start, in its own space, and findings about it.
 
     Ids that do not ascend are dropped: a simulation orders splats by id and by row, which must
     agree.
@@ -35,10 +36,9 @@ def read_rest(prim: Usd.Prim, start: Usd.TimeCode) -> tuple[SplatCloud, list[str
         found = f"{wrong.sum()} splats with numbers that are not finite"
         raise StageError(where, found, "finite ones")
     if cloud.ids is not None and (np.diff(cloud.ids) <= 0).any():
-        said = StageError(
-            f"{where}.ids", "ids that do not ascend", "ascending ids; the ids are ignored"
-        )
-        return replace(cloud, ids=None), [str(said)]
+        expected = "ascending ids; the ids are ignored"
+        code, found = "left-out-of-simulation", "ids that do not ascend"
+        return replace(cloud, ids=None), [finding(code, f"{where}.ids", found, expected)]
     return cloud, []
 
 

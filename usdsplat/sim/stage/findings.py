@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 
 from pxr import Usd
 
-from usdsplat.core.errors import StageError
+from usdsplat.core.findings import Finding, finding
 from usdsplat.schema.values import value
 from usdsplat.sim.parameters import GROUPS, NAMESPACE
 from usdsplat.sim.stage import collections
@@ -16,14 +16,20 @@ _PATTERN = ("u", "v", "vMinusU")
 """Sources of drivers that only a reaction provides."""
 
 
-def findings(simulation: Usd.Prim, affectors: Iterable[Usd.Prim]) -> list[StageError]:
-    """Return unused properties of a SplatSim prim and its affectors, and requests that cannot be
-    met."""
+def findings(simulation: Usd.Prim, affectors: Iterable[Usd.Prim]) -> list[Finding]:
+    """Return findings on unused properties of a SplatSim prim and its affectors, and on requests
+    that cannot be met."""
     return [
         *unread(simulation, (*GROUPS, "deform", "driver")),
         *(each for prim in affectors for each in unread(prim, ("affector",))),
         *(
-            StageError(f"{simulation.GetPath()}.{name}", found, expected)
+            finding(
+                "unused",
+                f"{simulation.GetPath()}.{name}",
+                found,
+                expected,
+                cure=f"make it {expected}",
+            )
             for name, found, expected in _findings(simulation)
         ),
     ]

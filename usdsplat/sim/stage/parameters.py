@@ -14,6 +14,7 @@ import numpy as np
 from pxr import Sdf, Usd
 
 from usdsplat.core.errors import StageError, UsageError
+from usdsplat.core.findings import Finding, finding
 from usdsplat.core.knobs import Knob, knobs
 from usdsplat.schema.values import value
 from usdsplat.sim.parameters import GROUPS, INSTANCED, NAMESPACE, Parameters, camel, legal_value
@@ -92,9 +93,9 @@ def instances(prim: Usd.Prim, group: str) -> list[str]:
     return sorted(names)
 
 
-def unread(prim: Usd.Prim, groups: Iterable[str]) -> list[StageError]:
-    """Yield each property in our namespace that is unknown, with the name that may be meant, and
-    each uniform attribute with time samples.
+def unread(prim: Usd.Prim, groups: Iterable[str]) -> list[Finding]:
+    """Return a finding on each property in our namespace that is unknown, with the name that may be
+    meant, and on each uniform attribute with time samples.
 
     Args:
         prim: A simulation or an affector.
@@ -109,9 +110,9 @@ def unread(prim: Usd.Prim, groups: Iterable[str]) -> list[StageError]:
         if name not in known:
             near = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
             meant = f"such as {near[0]}" if near else f"one of {NAMESPACE}:{{{','.join(groups)}}}:"
-            said.append(StageError(where, "an unknown property", meant))
+            said.append(finding("unknown-name", where, "an unknown property", meant))
         elif known[name] and prim.GetAttribute(name).GetNumTimeSamples():
-            said.append(StageError(where, "samples over time", "one value for all times"))
+            said.append(finding("unused", where, "samples over time", "one value for all times"))
     return said
 
 

@@ -16,6 +16,7 @@ from pxr import Usd
 
 from usdsplat.core.cloud import F32, F64, SplatCloud
 from usdsplat.core.errors import StageError
+from usdsplat.core.findings import Finding
 from usdsplat.sim.parameters import (
     NAMESPACE,
     DeformParameters,
@@ -84,7 +85,7 @@ class StageRecipe:
         field: The splat field.
         rigs: Skinning of the stage.
         first: First frame that is simulated [time code].
-        said: Remarks about the simulation that were made already.
+        said: Findings about the simulation so far.
         reading: Entered while the stage is read; it must be reentrant.
     """
 
@@ -94,7 +95,7 @@ class StageRecipe:
         field: Usd.Prim,
         rigs: Rigs,
         first: float,
-        said: list[str] | None = None,
+        said: list[Finding] | None = None,
         reading: AbstractContextManager[Any] = UNGUARDED,
     ) -> None:
         self._simulation, self._field, self._rigs = simulation, field, rigs
@@ -122,12 +123,12 @@ class StageRecipe:
         self._skin = self._bind()
         self.codes_per_second = float(stage.GetTimeCodesPerSecond())
         """Time codes per second."""
-        self.remarks: tuple[str, ...] = (
+        self.findings: tuple[Finding, ...] = (
             *(said or ()),
             *of_field,
-            *map(str, findings(simulation, members)),
+            *findings(simulation, members),
         )
-        """Findings about the stage, one sentence each."""
+        """What the stage asks for and the simulation does not do."""
 
     @property
     def rest(self) -> SplatCloud:

@@ -7,7 +7,7 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ import numpy as np
 from pxr import Usd
 
 from usdsplat.core.errors import OutputError, StageError
+from usdsplat.core.findings import Finding, Findings, finding
 from usdsplat.core.lock import output_lock
 from usdsplat.core.output import Existing
 from usdsplat.core.progress import Progress, silent
@@ -31,8 +32,6 @@ from usdsplat.sim.stage.provenance import Provenance, input_hash, parameter_hash
 from usdsplat.sim.stage.recipe import UNGUARDED, StageRecipe, find_simulations, recipes
 from usdsplat.sim.state import Frame, State
 from usdsplat.sim.uses import Uses, uses_over
-
-Remark = Callable[[str], None]
 
 LEAD = 100_000
 """Largest number of frames that are simulated before the first requested one."""
@@ -201,13 +200,13 @@ class Simulation:
         return {path: solver.checkpoint() for path, solver in self.solvers.items()}
 
     @property
-    def remarks(self) -> tuple[str, ...]:
-        """Messages for the user, one sentence each."""
-        found: dict[str, None] = {}
+    def findings(self) -> tuple[Finding, ...]:
+        """What the stage asks for and does not get, each once."""
+        found: dict[Finding, None] = {}
         for path, recipe in self.recipes.items():
-            found.update(dict.fromkeys(recipe.remarks))
-            if path in self.solvers:
-                found.update(dict.fromkeys(self.solvers[path].remarks))
+            found |= dict.fromkeys(recipe.findings)
+            for each in self.solvers[path].findings if path in self.solvers else ():
+                found[replace(each, path=recipe.simulation, attribute=each.path)] = None
         return tuple(found)
 
 
@@ -242,7 +241,7 @@ def simulate(
     options: SimulateOptions = SIMULATE,
     *,
     progress: Progress = silent,
-    remark: Remark = lambda text: None,
+    findings: Findings | None = None,
     reading: AbstractContextManager[Any] = UNGUARDED,
 ) -> Report:
     """Simulate a stage and bake the result.
@@ -253,13 +252,14 @@ def simulate(
         frames: Every frame, ascending, one apart [time code].
         options: Device, and what to do with an existing bake.
         progress: Receives each finished frame.
-        remark: Receives a sentence about anything left out, and about a GPU that cannot be used.
+        findings: Receives what the stage asks for and does not get, and messages.
         reading: Entered while the stage is read, as in `Simulation`.
 
     Raises:
-        UsdSplatError: If something on the stage cannot be simulated, written or resumed.
+        UsdSplatError: If something cannot be simulated, written or resumed; `StrictError` too.
         OutputError: If another process simulates to this target.
     """
+    findings = Findings() if findings is None else findings
     with output_lock(target), compile_time() as compiled:
         if target.exists() and options.existing == "error":
             raise OutputError(str(target), "a file", "a new name, or --resume or --force")
@@ -268,11 +268,12 @@ def simulate(
         if isinstance(device, str):
             device = open_device(device, threads=options.threads, task="geometry")
         if device.remark:
-            remark(device.remark)
+            findings.say(device.remark)
         try:
             simulation = Simulation(stage, frames, device=device, lap=clock.lap, reading=reading)
             bake, provenance = _open_bake(simulation, target, resume=options.existing == "resume")
-            report = _run(simulation, bake, provenance, clock, progress, remark)
+            findings.extend(simulation.findings)
+            report = _run(simulation, bake, provenance, clock, progress, findings)
         finally:
             if device is not options.device:
                 device.close()
@@ -303,7 +304,7 @@ def _run(
     provenance: Provenance,
     clock: Clock,
     progress: Progress,
-    remark: Remark,
+    findings: Findings,
 ) -> Report:
     """Simulate the frames that a bake lacks, and write them."""
     spent: list[float] = []
@@ -313,8 +314,8 @@ def _run(
         progress.step("beginning", 0, 0)
         simulation.begin(states)
         provenance.resolved.update({path: s.resolved for path, s in simulation.solvers.items()})
-        for each in simulation.remarks:
-            remark(each)
+        findings.extend(simulation.findings)
+    findings.check()
     with bake:
         for number, frame in enumerate(left):
             progress.step("simulating", number, len(left))
@@ -333,7 +334,8 @@ def _run(
     for path, solver in simulation.solvers.items():
         if solver.trapped:
             found = f"{counted(solver.trapped, 'splat')} that remain inside the affectors"
-            remark(f"{path}: found {found}, expected enough space between affectors")
+            expected = "enough space between affectors"
+            findings.add(finding("trapped-splats", path, found, expected))
     return Report(
         target=str(bake.target),
         frames=len(left),

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from pxr import Sdf, Usd
 
 from usdsplat.core.errors import UsdSplatError
-from usdsplat.schema import Finding
+from usdsplat.core.findings import Finding, finding, from_error
 from usdsplat.sim.parameters import NAMESPACE
 from usdsplat.sim.stage import collections
 from usdsplat.sim.stage.findings import findings
@@ -35,14 +35,14 @@ def validate_simulations(stage: Usd.Stage, *, time: float | None = None) -> list
     found = list(_bakes(stage))
     for prim in collections.find_simulations(stage):
         members = collections.affectors(stage, prim)
-        found += [_finding("warning", "unused", error) for error in findings(prim, members)]
+        found += findings(prim, members)
         times = [time] if time is not None else _times(stage, [prim, *members])
         try:
             for recipe in recipes(stage, prim, start=times[0]):
                 for each in times:
                     recipe.at(each)
         except UsdSplatError as error:
-            found.append(_finding("error", "notSimulated", error))
+            found.append(from_error("not-simulated", error))
     return found
 
 
@@ -53,15 +53,9 @@ def _bakes(stage: Usd.Stage) -> Iterator[Finding]:
             continue
         for path in layer.subLayerPaths:
             if not Sdf.Layer.FindOrOpenRelativeToLayer(layer, path):
-                yield Finding(
-                    severity="error",
-                    path="/",
-                    attribute="",
-                    name="noResults",
-                    found=f"a bake without its layer {path}",
-                    expected=f"the file beside {layer.GetDisplayName()}",
-                    cure="restore the folder of its data, or bake it again",
-                )
+                found = f"a bake without its layer {path}"
+                expected = f"the file beside {layer.GetDisplayName()}"
+                yield finding("no-results", "/", found, expected)
 
 
 def _times(stage: Usd.Stage, prims: list[Usd.Prim]) -> list[float]:
@@ -72,17 +66,3 @@ def _times(stage: Usd.Stage, prims: list[Usd.Prim]) -> list[float]:
             if attribute.GetName().startswith(f"{NAMESPACE}:"):
                 times.update(attribute.GetTimeSamples())
     return sorted(times)[:_MOST]
-
-
-def _finding(severity: str, name: str, error: UsdSplatError) -> Finding:
-    """Convert an error to a finding."""
-    path, _, attribute = error.where.partition(".")
-    return Finding(
-        severity="error" if severity == "error" else "warning",
-        path=path,
-        attribute=attribute,
-        name=name,
-        found=error.found,
-        expected=error.expected,
-        cure=f"make it {error.expected}",
-    )

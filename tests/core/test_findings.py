@@ -1,0 +1,66 @@
+"""Tests of findings and their collector."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+
+from usdsplat.core.errors import StageError, StrictError
+from usdsplat.core.findings import CODES, Findings, finding, from_error
+
+
+def test_a_place_is_split_into_path_and_attribute() -> None:
+    """Oracle: the parts by hand; the name of something that is no prim stays whole."""
+    found = finding("unused", "/World/Sim.splatSim:rd:feed", "1", "2")
+    assert (found.path, found.attribute) == ("/World/Sim", "splatSim:rd:feed")
+    assert found.message == "/World/Sim.splatSim:rd:feed: found 1, expected 2"
+    assert finding("unused", "/World/Sim", "1", "2").attribute == ""
+    assert finding("usd-message", "USD", "1", "2").path == "USD"
+
+
+def test_severity_and_cure_are_those_of_the_code_unless_given() -> None:
+    """Oracle: the table."""
+    error = StageError("/A", "x", "y")
+    for code, meaning in CODES.items():
+        found = from_error(code, error)
+        assert (found.severity, found.cure) == (meaning.severity, meaning.cure)
+        assert found.told.startswith(f"{meaning.severity} [{code}] /A: found x, expected y")
+    assert finding("unused", "/A", "x", "y", severity="note", cure="c").severity == "note"
+
+
+def test_codes_are_words_joined_by_hyphens() -> None:
+    """Oracle: a regular expression; each meaning and cure is text without a full stop."""
+    for code, meaning in CODES.items():
+        assert re.fullmatch(r"[a-z]+(-[a-z]+)*", code)
+        assert meaning.meaning and meaning.cure
+        assert not meaning.meaning.endswith(".") and not meaning.cure.endswith(".")
+
+
+def test_a_finding_is_told_once_with_the_frame_where_it_begins() -> None:
+    """Oracle: two findings at three frames."""
+    told: list[str] = []
+    findings = Findings(lambda each: told.append(each.message))
+    first, later = finding("unused", "/A", "x", "y"), finding("unused", "/B", "x", "y")
+    findings.extend([first])
+    findings.extend([first, later], time=2.0)
+    findings.extend([first, later], time=3.0)
+    assert told == ["/A: found x, expected y", "/B at 2: found x, expected y"]
+    assert len(findings) == 2 and findings.count("warning") == 2
+
+
+@pytest.mark.parametrize(
+    ("severity", "fails"), [("error", True), ("warning", True), ("note", False)]
+)
+def test_strict_fails_on_errors_and_warnings_but_not_on_notes(severity, fails) -> None:
+    """Oracle: the definition; a lenient collector never fails."""
+    found = finding("unused", "/A", "x", "y", severity=severity)
+    for is_strict in (True, False):
+        findings = Findings(is_strict=is_strict)
+        findings.add(found)
+        assert findings.is_failure == fails
+        if fails and is_strict:
+            with pytest.raises(StrictError, match=f"found 1 {severity}, expected none"):
+                findings.check()
+        else:
+            findings.check()

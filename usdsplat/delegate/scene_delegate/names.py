@@ -1,0 +1,69 @@
+"""Find properties in our namespaces with unknown names, which have no effect.
+
+Names of simulations are checked where they are read, see `sim.stage.parameters.unread`; here only
+those on prims that are no part of a simulation.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterator
+
+from pxr import Usd
+
+from usdsplat import schema
+from usdsplat.core.findings import Finding, finding
+from usdsplat.render.settings import usd_names
+from usdsplat.schema import tokens
+
+DRAWING = "splat:"
+SIMULATION = "splatSim:"
+AFFECTOR = "splatSim:affector:"
+
+KNOWN = frozenset(usd_names()) | {
+    value
+    for value in vars(tokens).values()
+    if isinstance(value, str) and value.startswith(DRAWING) and value != "splat:grade:"
+}
+"""Names of properties of all our schemas but those of simulations."""
+
+CROPS = (tokens.CROP_INCLUDE, tokens.CROP_EXCLUDE)
+
+
+def unknown_names(prim: Usd.Prim) -> Iterator[Finding]:
+    """Yield a finding for each authored property of a prim with an unknown name."""
+    names = [
+        name
+        for name in prim.GetAuthoredPropertyNames()
+        if name.startswith((DRAWING, SIMULATION, "collection:crop"))
+    ]
+    for name in names:
+        if name.startswith(DRAWING) and name not in KNOWN:
+            yield _unknown(prim, name, sorted(KNOWN))
+        elif name.startswith("collection:"):
+            collection, _, rest = name.removeprefix("collection:").partition(":")
+            if schema.is_splat_field(prim) and collection not in CROPS:
+                yield _unknown(prim, name, [f"collection:{each}:{rest}" for each in CROPS])
+        elif name.startswith(SIMULATION) and not _is_simulated(prim, names):
+            yield finding(
+                "unknown-name",
+                f"{prim.GetPath()}.{name}",
+                "an unknown property",
+                "it on a SplatSim prim or an affector",
+            )
+
+
+def _unknown(prim: Usd.Prim, name: str, known: list[str]) -> Finding:
+    near = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
+    expected = f"such as {near[0]}" if near else "a property of a schema of usdsplat"
+    return finding("unknown-name", f"{prim.GetPath()}.{name}", "an unknown property", expected)
+
+
+def _is_simulated(prim: Usd.Prim, names: list[str]) -> bool:
+    """Return whether the prim's names are checked by the simulation."""
+    applied = prim.GetPrimTypeInfo().GetAppliedAPISchemas()
+    return (
+        prim.GetTypeName() == "SplatSim"
+        or "SplatAffectorAPI" in applied
+        or any(name.startswith(AFFECTOR) for name in names)
+    )

@@ -1,0 +1,161 @@
+"""Find prims that ask for something that is not drawn: other lights, curves, unknown types.
+
+Inputs of distant lights and of shaders that have no effect are findings too, if they would change
+brightness, hue or coverage. Roughness, index of refraction, clearcoat and normals are no findings:
+surfaces are diffuse, so every asset would have some.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Iterator
+from typing import Any
+
+from pxr import Usd, UsdGeom, UsdLux, UsdShade
+
+from usdsplat.core.findings import Finding, finding
+
+OTHER_LIGHTS = (UsdLux.BoundableLightBase, UsdLux.NonboundableLightBase, UsdLux.PluginLight)
+"""Types of lights; of these, only DistantLight is drawn."""
+
+OWN_TYPES = ("SplatSim",)
+"""Types of ours that USD may not know, and that are not drawn."""
+
+TYPES = (
+    "ParticleField3DGaussianSplat", "ParticleFieldPackedSplat", "Mesh", "Sphere", "Cube",
+    "Cylinder", "Cone", "Capsule", "Plane", "Xform", "Scope", "Camera", "DistantLight",
+    "PointInstancer", "Material", "Shader", "RenderSettings", "RenderProduct", "RenderVar",
+    "SplatSim",
+)  # fmt: skip
+"""Types that a misspelt one may mean."""
+
+FALLBACKS: dict[str, Any] = {
+    "opacity": 1.0,
+    "metallic": 0.0,
+    "emissiveColor": (0.0, 0.0, 0.0),
+    "displacement": 0.0,
+    "useSpecularWorkflow": 0,
+}
+"""Unsupported input of UsdPreviewSurface -> its fallback, with which it has no effect.
+
+Source: the UsdPreviewSurface specification.
+"""
+
+
+def why_not_drawn(prim: Usd.Prim) -> str:
+    """Return the code of the finding on a prim that is none of the drawn ones; "" for none.
+
+    It depends only on the type of the prim.
+    """
+    name = prim.GetTypeName()
+    if not name or name in OWN_TYPES:
+        return ""
+    if prim.GetPrimTypeInfo().GetSchemaType().isUnknown:
+        return "unknown-type"
+    if any(prim.IsA(light) for light in OTHER_LIGHTS):
+        return "unsupported-light"
+    return "unsupported-prim" if prim.IsA(UsdGeom.Gprim) else ""
+
+
+def findings_on_prims(
+    prims: Iterable[tuple[Usd.Prim, str]], time: Usd.TimeCode, purposes: frozenset[str]
+) -> Iterator[Finding]:
+    """Yield a finding for each type among visible prims that are not drawn.
+
+    Args:
+        prims: Pairs (prim, code of `why_not_drawn`).
+        time: Time of the visibility.
+        purposes: Drawn purposes.
+    """
+    groups: dict[tuple[str, str], list[Usd.Prim]] = {}
+    for prim, code in prims:
+        if code == "unknown-type" or _is_seen(prim, time, purposes):
+            groups.setdefault((code, str(prim.GetTypeName())), []).append(prim)
+    for (code, name), members in groups.items():
+        first, count = str(members[0].GetPath()), len(members)
+        what = f"{name}, a type that USD does not know" if code == "unknown-type" else name
+        found = what if count == 1 else f"{what} (and {count - 1} more)"
+        yield finding(code, first, found, _expected(code, name))
+
+
+def findings_on_light(prim: Usd.Prim) -> Iterator[Finding]:
+    """Yield a finding for each input of a distant light that has no effect."""
+    names = ["light:filters"]
+    for collection in ("lightLink", "shadowLink"):
+        names += [f"collection:{collection}:{part}" for part in ("includes", "excludes")]
+    for name in names:
+        relationship = prim.GetRelationship(name)
+        if relationship and relationship.HasAuthoredTargets() and relationship.GetTargets():
+            found = ", ".join(map(str, relationship.GetTargets()))
+            yield finding("unsupported-input", f"{prim.GetPath()}.{name}", found, "no targets")
+
+
+def finding_on_input(shader: Usd.Prim, name: str, found: Any) -> Finding | None:
+    """Return a finding on an input of a UsdPreviewSurface, unless it has no effect.
+
+    Args:
+        shader: The shader.
+        name: Key of `FALLBACKS`.
+        found: Value of the input; None if another shader computes it.
+    """
+    fallback = FALLBACKS[name]
+    if found is not None and _plain(found) == fallback:
+        return None
+    said = "a connection" if found is None else _text(found)
+    where = f"{shader.GetPath()}.inputs:{name}"
+    return finding("unsupported-input", where, said, f"{_text(fallback)}, the fallback")
+
+
+def finding_on_surface(material: Usd.Prim, shader: Usd.Prim | None, kind: str) -> Finding | None:
+    """Return a finding on a material without a UsdPreviewSurface, unless it has no surface.
+
+    Args:
+        material: The material.
+        shader: Its surface for all renderers, if it has one.
+        kind: Identifier of this shader.
+    """
+    expected = "UsdPreviewSurface"
+    if shader:
+        return finding("unsupported-surface", str(shader.GetPath()), repr(kind), expected)
+    others = [
+        output.GetFullName()
+        for output in UsdShade.Material(material).GetSurfaceOutputs()
+        if output.GetAttr().HasAuthoredConnections()
+    ]
+    if not others:
+        return None
+    found = f"surfaces of other renderers only ({', '.join(others)})"
+    return finding("unsupported-surface", str(material.GetPath()), found, expected)
+
+
+def _is_seen(prim: Usd.Prim, time: Usd.TimeCode, purposes: frozenset[str]) -> bool:
+    imageable = UsdGeom.Imageable(prim)
+    if not imageable:
+        return False
+    is_hidden = imageable.ComputeVisibility(time) == UsdGeom.Tokens.invisible
+    return not is_hidden and str(imageable.ComputePurpose()) in purposes
+
+
+def _expected(code: str, name: str) -> str:
+    if code == "unsupported-light":
+        return "DistantLight"
+    if code == "unsupported-prim":
+        return "splats, a mesh or a shape"
+    near = difflib.get_close_matches(name, TYPES, n=1)
+    return f"such as {near[0]}" if near else "a type of a schema that USD has loaded"
+
+
+def _text(value: Any) -> str:
+    """Return a number, or several, in a few digits."""
+    numbers = _plain(value)
+    if isinstance(numbers, tuple):
+        return f"({', '.join(f'{each:g}' for each in numbers)})"
+    return f"{numbers:g}" if isinstance(numbers, float) else str(numbers)
+
+
+def _plain(value: Any) -> Any:
+    """Return a value of USD as a number or a tuple of numbers."""
+    try:
+        return tuple(float(each) for each in value)
+    except TypeError:
+        return value

@@ -1,0 +1,65 @@
+"""Findings about the composition of a stage: missing layers and prims, and invalid arcs."""
+
+from __future__ import annotations
+
+import re
+
+from pxr import Pcp, Usd
+
+from usdsplat.core.findings import Finding, finding
+
+_ASSET = re.compile(r"Could not open asset @(.*?)@ for (\w+) introduced by .*?( -- .*)?$")
+_SUBLAYER = re.compile(r"Could not load sublayer @(.*?)@ of layer @(.*?)@(.*)")
+_PRIM = re.compile(r"Unresolved (\w+) prim path @(.*?)@<(.*?)> introduced by")
+_SITE = re.compile(r"@<(/[^>]*)>")
+_ANONYMOUS = re.compile(r",?@anon:[^@]*@")
+"""Text of the messages of Pcp, whose errors state no more in Python."""
+
+
+def composition_findings(stage: Usd.Stage) -> list[Finding]:
+    """Return a finding for each composition error of a stage, except muted layers, by path."""
+    errors = [
+        error
+        for error in stage.GetCompositionErrors()
+        if not isinstance(error, Pcp.ErrorMutedAssetPath)
+    ]
+    if not errors:
+        return []
+    placed = [
+        (str(prim.GetPath()), error)
+        for prim in Usd.PrimRange.Stage(stage, Usd.PrimAllPrimsPredicate)
+        for error in prim.GetPrimIndex().localErrors
+        if not isinstance(error, Pcp.ErrorMutedAssetPath)
+    ]
+    known = {str(error) for _, error in placed}
+    placed += [(_site(error), error) for error in errors if str(error) not in known]
+    found = [_finding(path, error) for path, error in placed]
+    once = {each.key: each for each in found}
+    return sorted(once.values(), key=lambda each: (each.path, each.found))
+
+
+def _finding(path: str, error: Pcp.ErrorBase) -> Finding:
+    """Return the finding on an error at a prim."""
+    text = " ".join(str(error).split())
+    if match := _ASSET.match(text):
+        found = f"no file {match[1]} for a {match[2]}"
+        if match[3]:
+            found = f"{match[1]} for a {match[2]}, which USD cannot read"
+        return finding("missing-asset", path, found, "a layer that USD can read")
+    if match := _SUBLAYER.match(text):
+        found = f"no sublayer {match[1]} of {match[2]}"
+        if " -- " in match[3]:
+            found = f"a sublayer {match[1]} of {match[2]}, which USD cannot read"
+        return finding("missing-asset", "/", found, "a layer that USD can read")
+    if match := _PRIM.match(text):
+        prim = "no default prim" if match[3] == "defaultPrim" else f"no prim {match[3]}"
+        found = f"a {match[1]} to {match[2]}, which has {prim}"
+        return finding("missing-prim", path, found, "a prim that exists")
+    found = _ANONYMOUS.sub("", text).rstrip(". ")
+    return finding("composition", path, found, "what USD can compose")
+
+
+def _site(error: Pcp.ErrorBase) -> str:
+    """Return the path that an error names first, or that of the pseudo-root."""
+    match = _SITE.search(str(error.rootSite)) or _SITE.search(str(error))
+    return match[1] if match else "/"
