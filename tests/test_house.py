@@ -58,6 +58,7 @@ def test_no_class_has_a_name_that_was_replaced() -> None:
 
 WRITERS = {
     "core/output.py": "writes all files",
+    "core/renames.py": "puts them in place",
     "schema/usd_files.py": "writes all USD files, through core/output",
 }
 """Modules that write files."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import subprocess
 import sys
@@ -56,3 +57,34 @@ def test_a_folder_that_cannot_be_written_is_left_to_the_writer(tmp_path: Path) -
     """Oracle: the block runs."""
     with output_lock(tmp_path / "no" / "a.usda"):
         assert not (tmp_path / "no").exists()
+
+
+@pytest.mark.parametrize("call", ["ftruncate", "write"])
+def test_an_interrupt_while_locking_leaves_no_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: str
+) -> None:
+    """Oracle: the listing, and a lock that is free afterwards."""
+
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, call, interrupt)
+        with pytest.raises(KeyboardInterrupt), output_lock(tmp_path / "a.usda"):
+            pytest.fail("the block ran")
+    assert os.listdir(tmp_path) == []
+    with output_lock(tmp_path / "a.usda"):
+        pass
+
+
+def test_a_file_system_without_locks_has_none(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Oracle: ENOLCK, as network file systems report it; the block runs, and no file is left."""
+
+    def fail(*_: object) -> None:
+        raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
+
+    monkeypatch.setattr("fcntl.flock", fail)
+    with output_lock(tmp_path / "a.usda"):
+        assert os.listdir(tmp_path) == []

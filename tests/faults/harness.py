@@ -24,7 +24,7 @@ SOURCE = Path(__file__).with_name("shim.c")
 OLD = b"an earlier file"
 OUT = "out"
 KILLED, INTERRUPTED = -9, 130
-_UNCOUNTED = re.compile(r"\([0-9]+ %\)$|^libpng error: No IDATs")
+_UNCOUNTED = re.compile(r"\([0-9]+ %(, .*)?\)$|^libpng error: No IDATs")
 """Lines of progress, and what libpng prints after an interrupt while it opens a file."""
 
 
@@ -162,19 +162,16 @@ class Runner:
         self, command: Command, fault: tuple[str, int] | None = None, limit: int | None = None
     ) -> Ended:
         """Run a command."""
-        said = self.folder / "said.txt"
         task = {
             "arguments": command.arguments,
             "folder": str(self.folder),
             "fault": fault and (f"{self.out}/", *fault),
             "log": str(self.folder / "log.txt"),
             "limit": limit,
-            "said": str(said),
         }
         _pipe(self._process.stdin).write(json.dumps(task) + "\n")
         _pipe(self._process.stdin).flush()
-        status = int(_pipe(self._process.stdout).readline())
-        return Ended(status, said.read_text(errors="replace"))
+        return Ended(*json.loads(_pipe(self._process.stdout).readline()))
 
     def calls(self, command: Command) -> list[str]:
         """Return the names of the calls that write, in a run without faults."""

@@ -1,8 +1,8 @@
 """Run commands in children of a process that has imported everything, with faults.
 
 Reads a line of JSON for each command: "arguments", "folder" (to run in), "fault" (root, mode and
-number of `fault_arm` in `shim.c`, or null), "log", "limit" (largest size of a file [byte], or null)
-and "said" (a file for stderr). Writes a line with the exit status, negative for a signal.
+number of `fault_arm` in `shim.c`, or null), "log", and "limit" (largest size of a file [byte], or
+null). Writes a line of JSON with the exit status, negative for a signal, and stderr.
 
 A child is forked before any thread is started, and ends without returning here.
 """
@@ -41,7 +41,6 @@ MODULES = (
 
 def run(task: dict[str, Any]) -> int:
     """Run a command in this process, and return its exit status."""
-    os.dup2(os.open(task["said"], os.O_WRONLY | os.O_CREAT | os.O_TRUNC), 2)
     os.dup2(os.open(os.devnull, os.O_RDWR), 1)
     os.chdir(task["folder"])
     if task["limit"] is not None:
@@ -65,16 +64,22 @@ def serve() -> None:
     for module in MODULES:
         importlib.import_module(module)
     for line in sys.stdin:
+        reading, writing = os.pipe()
         child = os.fork()
         if not child:
             status = 1
             try:
+                os.dup2(writing, 2)
+                os.close(writing)
                 status = run(json.loads(line))
                 sys.stderr.flush()
             finally:
                 os._exit(status)
+        os.close(writing)
+        with open(reading, errors="replace") as pipe:
+            said = pipe.read()
         _, found = os.waitpid(child, 0)
-        print(os.waitstatus_to_exitcode(found), flush=True)
+        print(json.dumps([os.waitstatus_to_exitcode(found), said]), flush=True)
 
 
 if __name__ == "__main__":

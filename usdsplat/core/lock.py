@@ -33,31 +33,40 @@ def output_lock(target: Path | str) -> Iterator[None]:
         yield
     finally:
         if handle is not None:
-            with suppress(OSError):
-                path.unlink()
-            os.close(handle)
+            _release(handle, path)
 
 
 def _locked(path: Path, target: str) -> int | None:
     """Return a handle of the locked file; None if the file cannot be made or locked."""
     while True:
-        handle = -1
+        handle, is_held = -1, False
         try:
             handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            if _is_at(handle, path):
+            is_held = _is_at(handle, path)
+            if is_held:
                 os.ftruncate(handle, 0)
                 os.write(handle, f"{os.getpid()} {os.uname().nodename}".encode())
                 return handle
         except BlockingIOError:
             found = f"an output that {_holder(handle)} is writing"
             raise OutputError(target, found, "its end, or another name") from None
-        except OSError:  # if the folder cannot be written, the output itself fails, and says why
+        except BaseException as error:
+            cannot_lock = isinstance(error, OSError)  # nobody else can hold it then
             if handle >= 0:
-                path.unlink(missing_ok=True)
-                os.close(handle)
-            return None
+                _release(handle, path if is_held or cannot_lock else None)
+            if cannot_lock:
+                return None
+            raise
         os.close(handle)
+
+
+def _release(handle: int, path: Path | None) -> None:
+    """Remove the file of a lock, if it is held, and release the lock."""
+    if path is not None:
+        with suppress(OSError):
+            path.unlink()
+    os.close(handle)
 
 
 def _is_at(handle: int, path: Path) -> bool:

@@ -27,6 +27,7 @@ from pathlib import Path
 from typing import Literal
 
 from usdsplat.core.errors import OutputError, UsdSplatError
+from usdsplat.core.renames import EARLIER, EXPECTED, Move, put_in_place, sync
 
 Existing = Literal["error", "resume", "replace"]
 """Treatment of existing results: raise an error, keep and continue them, or replace them."""
@@ -36,16 +37,10 @@ announce: Callable[[str, bool], None] | None = None
 and False after it was removed. A supervising process learns from it what to remove if this one
 ends without doing so."""
 
-EXPECTED = "a writable place with enough free space"
 _PREFIX = ".usdsplat-"
 _PRIVATE = re.compile(re.escape(_PREFIX) + r"([0-9a-f]{8})-([0-9]{1,9})-[0-9a-f]{8}")
-_EARLIER = "earlier"
-"""Folder in a private folder that keeps replaced results while a group is renamed."""
 _NO_ROOM = {errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG, errno.EIO}
 """Errors of a write, which have no file name."""
-_NO_SYNC = {errno.EINVAL, errno.ENOSYS, errno.ENOTSUP}
-"""Errors of fsync on file systems that do not have it."""
-
 _open: dict[Path, None] = {}
 _searched: set[Path] = set()
 """Folders that were searched for what killed processes left."""
@@ -111,10 +106,10 @@ def output_file(
             yield output
             if not output.path.is_file() or not (is_whole is None or is_whole(output.path)):
                 raise OutputError(str(target), "a truncated file", EXPECTED)
-            _sync(output.path)
-        move = _Move(output.target, output.path, final, output.path.parent)
+            sync(output.path)
+        move = Move(output.target, output.path, final, output.path.parent)
         if group is None:
-            _put_in_place([move])
+            put_in_place([move])
         else:
             group.moves.append(move)
             group.stack.push(stack.pop_all())
@@ -134,7 +129,7 @@ def write_output(target: Path | str, data: bytes | memoryview) -> None:
 class OutputGroup:
     """The files of an `output_group`, which are complete but not yet in place."""
 
-    moves: list[_Move] = field(default_factory=list)
+    moves: list[Move] = field(default_factory=list)
     stack: ExitStack = field(default_factory=ExitStack)
     """Removes the private folders."""
     _made: list[Path] = field(default_factory=list)
@@ -155,9 +150,9 @@ class OutputGroup:
         with _explained(output):
             for path in sorted(made.rglob("*")):
                 if path.is_file():
-                    _sync(path)
+                    sync(path)
         folder = next(parent for parent in made.parents if is_private(parent.name))
-        self.moves.append(_Move(str(target), made, target, folder))
+        self.moves.append(Move(str(target), made, target, folder))
 
     def make_folder(self, folder: Path) -> None:
         """Make a folder now; it is removed if the group fails."""
@@ -170,7 +165,7 @@ class OutputGroup:
 
     def finish(self) -> None:
         """Put everything in place, or nothing."""
-        _put_in_place(self.moves)
+        put_in_place(self.moves)
         self._made.clear()
         for path in self._unneeded:
             with suppress(OSError):  # the new files are complete without the removal
@@ -223,7 +218,7 @@ def remove_left_folder(folder: Path) -> None:
     What the process had moved away to replace it, and did not replace, is moved back.
     """
     with suppress(OSError):
-        for kept in (folder / _EARLIER).iterdir():
+        for kept in (folder / EARLIER).iterdir():
             final = folder.parent / kept.name
             if not os.path.lexists(final):
                 os.replace(kept, final)
@@ -236,67 +231,6 @@ def is_private(name: str) -> bool:
 
 
 # --- private -------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, slots=True)
-class _Move:
-    """A rename that puts a result in place."""
-
-    target: str
-    made: Path
-    final: Path
-    folder: Path
-    """Private folder, beside `final`."""
-
-    @property
-    def kept(self) -> Path:
-        """Path of the earlier result while a group is renamed."""
-        return self.folder / _EARLIER / self.final.name
-
-    def keep_earlier(self) -> None:
-        """Keep the existing result for `undo`."""
-        if not os.path.lexists(self.final):
-            return
-        self.kept.parent.mkdir(exist_ok=True)
-        try:
-            os.link(self.final, self.kept)
-        except OSError:  # a folder, or a file system without hard links
-            os.replace(self.final, self.kept)
-
-    def undo(self) -> None:
-        """Restore the existing result, or remove the new one."""
-        if os.path.lexists(self.kept):
-            if self.final.is_dir():
-                os.replace(self.final, self.made)
-            os.replace(self.kept, self.final)
-        elif not os.path.lexists(self.made) and os.path.lexists(self.final):
-            os.replace(self.final, self.made)
-
-
-def _put_in_place(moves: list[_Move]) -> None:
-    """Rename all results to their targets, or none.
-
-    Raises:
-        OutputError: If one cannot be renamed.
-    """
-    kept: list[_Move] = []
-    target = ""
-    try:
-        for move in moves:
-            target = move.target
-            if len(moves) > 1:  # a single rename happens or does not
-                kept.append(move)
-                move.keep_earlier()
-            os.replace(move.made, move.final)
-    except BaseException as error:
-        for move in reversed(kept):
-            with suppress(OSError):
-                move.undo()
-        if not isinstance(error, OSError):
-            raise
-        raise OutputError(target, error.strerror or str(error), EXPECTED) from error
-    for folder, target in {move.final.parent: move.target for move in moves}.items():
-        _sync_folder(folder, target)
 
 
 @contextmanager
@@ -330,33 +264,6 @@ def _explained(output: OutputFile) -> Iterator[None]:
         if not is_ours and (places or error.errno not in _NO_ROOM):
             raise
         raise OutputError(output.target, error.strerror or str(error), EXPECTED) from error
-
-
-def _sync(path: Path) -> None:
-    """Write a file to the disk; this reports delayed errors of earlier writes."""
-    handle = os.open(path, os.O_RDONLY if os.name == "posix" else os.O_RDWR)
-    try:
-        os.fsync(handle)
-    except OSError as error:
-        if error.errno not in _NO_SYNC:
-            raise
-    finally:
-        os.close(handle)
-
-
-def _sync_folder(folder: Path, target: str) -> None:
-    """Write the names in a folder to the disk, where a folder can be opened for that."""
-    try:
-        handle = os.open(folder, os.O_RDONLY)
-    except OSError:  # on Windows, or a folder that can be written but not read
-        return
-    try:
-        os.fsync(handle)
-    except OSError as error:
-        if error.errno not in _NO_SYNC:
-            raise OutputError(target, error.strerror or str(error), EXPECTED) from error
-    finally:
-        os.close(handle)
 
 
 def _new_name() -> str:

@@ -18,7 +18,7 @@ from usdsplat.core.errors import OutputError, UsageError
 from usdsplat.core.output import OutputFile
 from usdsplat.images.frame_numbers import frame_path
 from usdsplat.interchange.authoring import prepare
-from usdsplat.schema.usd_files import new_layer, save_layer
+from usdsplat.schema.usd_files import new_layer, save_layer, usd_errors
 
 _TOPOLOGY = "topology.usda"
 _MANIFEST = "manifest.usda"
@@ -84,12 +84,14 @@ class Clips:
             where = where.GetParentPath()
         first = str(next(iter(self._files.values())))
         topology = new_layer(self._folder / _TOPOLOGY, self._output)
-        UsdUtils.StitchClipsTopology(topology, [first])
+        with usd_errors(self._output.target):  # this and the next function save the layer, too
+            UsdUtils.StitchClipsTopology(topology, [first])
         for key in ("startTimeCode", "endTimeCode"):  # those of the first clip
             topology.pseudoRoot.ClearInfo(key)
         save_layer(topology, self._output)
         manifest = new_layer(self._folder / _MANIFEST, self._output)
-        UsdUtils.StitchClipsManifest(manifest, topology, [first], str(where))
+        with usd_errors(self._output.target):
+            UsdUtils.StitchClipsManifest(manifest, topology, [first], str(where))
         save_layer(manifest, self._output)
         root = self._stage.GetRootLayer()
         root.subLayerPaths.append(self._asset(_TOPOLOGY))

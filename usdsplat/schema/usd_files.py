@@ -17,7 +17,8 @@ from pathlib import Path
 from pxr import Sdf, Tf, UsdUtils
 
 from usdsplat.core.errors import OutputError
-from usdsplat.core.output import EXPECTED, OutputFile, output_file
+from usdsplat.core.output import OutputFile, output_file
+from usdsplat.core.renames import EXPECTED
 from usdsplat.schema import usdz
 
 _CRATE, _TEXT, _ZIP = b"PXR-USDC", b"#usda ", b"PK\3\4"
