@@ -44,6 +44,18 @@ CODES: dict[str, Code] = {
         "USD cannot compose a part of the stage as authored",
         "correct the composition arc that the sentence names",
     ),
+    "units-mismatch": Code(
+        "warning",
+        "an asset has another metersPerUnit than the layer that refers to it",
+        "scale the prim that refers to it, or convert the asset",
+        "the asset is not scaled",
+    ),
+    "axes-mismatch": Code(
+        "warning",
+        "an asset has another upAxis than the layer that refers to it",
+        "rotate the prim that refers to it, or convert the asset",
+        "the asset is not turned",
+    ),
     # --- drawing ---
     "not-drawn": Code(
         "error",

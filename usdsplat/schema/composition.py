@@ -1,4 +1,4 @@
-"""Findings about the composition of a stage: missing layers and prims, and invalid arcs."""
+"""Findings about the composition of a stage: missing layers and prims, invalid arcs, units."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import re
 from pxr import Pcp, Usd
 
 from usdsplat.core.findings import Finding, finding
+from usdsplat.schema.metrics import metrics_findings
 
 _ASSET = re.compile(r"Could not open asset @(.*?)@ for (\w+) introduced by .*?( -- .*)?$")
 _SUBLAYER = re.compile(r"Could not load sublayer @(.*?)@ of layer @(.*?)@(.*)")
@@ -17,7 +18,15 @@ _ANONYMOUS = re.compile(r",?@anon:[^@]*@")
 
 
 def composition_findings(stage: Usd.Stage) -> list[Finding]:
-    """Return a finding for each composition error of a stage, except muted layers, by path."""
+    """Return what the arcs of a stage ask for and do not get: a finding for each composition error,
+    except muted layers, and for each asset with another unit or up axis; by path."""
+    found = [*_errors(stage), *metrics_findings(stage)]
+    once = {each.key: each for each in found}
+    return sorted(once.values(), key=lambda each: (each.path, each.found))
+
+
+def _errors(stage: Usd.Stage) -> list[Finding]:
+    """Return a finding for each composition error of a stage, except muted layers."""
     errors = [
         error
         for error in stage.GetCompositionErrors()
@@ -33,9 +42,7 @@ def composition_findings(stage: Usd.Stage) -> list[Finding]:
     ]
     known = {str(error) for _, error in placed}
     placed += [(_site(error), error) for error in errors if str(error) not in known]
-    found = [_finding(path, error) for path, error in placed]
-    once = {each.key: each for each in found}
-    return sorted(once.values(), key=lambda each: (each.path, each.found))
+    return [_finding(path, error) for path, error in placed]
 
 
 def _finding(path: str, error: Pcp.ErrorBase) -> Finding:
