@@ -69,7 +69,7 @@ def rendered(run, tmp_path):
     """Render two frames of a stage; returns status, findings and stderr."""
 
     def command(path, *flags):
-        output = ("-o", tmp_path / "out" / "a.#.exr", "--frames", "1-2", "--device", "cpu")
+        output = ("-o", tmp_path / "out" / "a.%d.exr", "--frames", "1-2", "--device", "cpu")
         (tmp_path / "out").mkdir(exist_ok=True)
         status, out, err = run("render", path, *output, "--json", *flags)
         return status, json.loads(out)["findings"] if out else [], err

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from usdsplat.core.findings import CODES
+from usdsplat.core.output import write_output
 
 TARGET = Path(__file__).parents[2] / "docs" / "reference" / "findings.md"
 
@@ -56,7 +57,7 @@ def main(arguments: Sequence[str]) -> int:
     if list(arguments) == ["--check"]:
         return 0 if TARGET.read_text(encoding="utf-8") == page() else 1
     TARGET.parent.mkdir(parents=True, exist_ok=True)
-    TARGET.write_text(page(), encoding="utf-8")
+    write_output(TARGET, page().encode())
     return 0
 
 

@@ -21,12 +21,7 @@ from usdsplat.delegate.product import ProductSpec
 from usdsplat.delegate.render_buffer import Pixels
 from usdsplat.delegate.render_index import RenderIndex
 from usdsplat.delegate.render_param import RenderParam
-from usdsplat.delegate.scene_delegate import (
-    Stage,
-    UsdSceneDelegate,
-    find_products,
-    read_stage_info,
-)
+from usdsplat.delegate.scene_delegate import Stage, UsdSceneDelegate, find_products
 from usdsplat.delegate.stage_info import StageInfo
 from usdsplat.delegate.time_sampler import other_times
 from usdsplat.render.band import Band
@@ -45,16 +40,15 @@ PURPOSES = ("default", "render")
 class Engine:
     """A render scene of one stage at one time; views of it are values.
 
-    Edits of the stage from any source are noticed, and only affected data is read again. Engines
-    share nothing: neither scenes, nor caches, nor notices. An engine is used by one thread at a
-    time, and the stage must not be edited while the engine syncs or a `render` is in progress.
+    Edits of the stage are noticed, and only affected data is read again. Engines share nothing. An
+    engine is used by one thread at a time, and the stage must not be edited while the engine syncs
+    or a `render` is in progress.
 
     Args:
         stage: A Usd.Stage, which the engine never edits.
         device: "auto", or a device name of `kernels.devices.open_device`.
         threads: Number of threads; None for all.
-        time: Time code; "first" is the stage's first frame, or the default time if the stage has no
-            range; None is USD's default time, which ignores time samples. See `set_time`.
+        time: Time code; "first" is that of the stage's range, if it has one; None is USD's default.
         purposes: Drawn purposes: default, render, proxy, guide.
         refinement: Refinement level of subdivision surfaces, 0 to 5.
 
@@ -115,8 +109,7 @@ class Engine:
 
     @property
     def remark(self) -> str:
-        """Reason why a faster device is not used, for the user; "" if there is none. The text
-        changes if a GPU fails while drawing and the CPU takes over."""
+        """Reason why a faster device is not used, or ""; it changes if a GPU fails."""
         return self._drawer.renderer.remark
 
     @property
@@ -151,15 +144,6 @@ class Engine:
         """Statistics of the last picture."""
         return self._drawer.renderer.stats
 
-    def prim_paths(self) -> tuple[str, ...]:
-        """Return the paths of all prims that can be drawn, hidden ones too, sorted.
-
-        They do not depend on time, visibility and purposes: an index in them identifies a prim over
-        a sequence, and between runs.
-        """
-        self.sync()
-        return self._open().prim_paths()
-
     def drawn_paths(self) -> tuple[str, ...]:
         """Return the paths of the drawn prims; entry i has the value i in the AOV primId."""
         return self.render_scene.draw_list().prims
@@ -167,8 +151,9 @@ class Engine:
     # --- views -----------------------------------------------------------------------------
 
     def stage_info(self) -> StageInfo:
-        """Return the rates, the unit and the files of the stage."""
-        return read_stage_info(self._open().stage)
+        """Return the rates, the unit, the files and the drawable prims of the stage."""
+        self.sync()
+        return self._open().stage_info()
 
     def cameras(self) -> list[str]:
         """Return the paths of the stage's cameras, sorted."""
@@ -210,18 +195,15 @@ class Engine:
     def framing_camera(
         self, times: Iterable[float | None], *, framing: Framing | None = None
     ) -> CameraSpec:
-        """Return a camera that frames everything visible at any of `times`; keeps the current
-        time."""
-        before = self.time
-        subjects, bounds = [], []
+        """Return a camera that frames everything visible at any of `times`; keeps the time."""
+        before, boxes = self.time, []
         try:
             for time in times:
                 self.set_time(time)
-                scene = self.render_scene
-                subjects.append(scene.subject())
-                bounds.append(scene.bounds())
+                boxes.append((self.render_scene.subject(), self.render_scene.bounds()))
         finally:
             self.set_time(before)
+        subjects, bounds = zip(*boxes, strict=True) if boxes else ((), ())
         return self._around(union(subjects), union(bounds), framing or Framing())
 
     def products(
@@ -246,9 +228,8 @@ class Engine:
             StageError: If `settings_path` is neither, or an authored value is invalid.
             UsageError: If an override is invalid.
         """
-        scene = self._open()
         return find_products(
-            scene.stage, time=scene.time, settings_path=settings_path, camera=camera,
+            self._open().stage, time=self.time, settings_path=settings_path, camera=camera,
             resolution=resolution, overrides=overrides or {},
         )  # fmt: skip
 

@@ -1,4 +1,4 @@
-"""Values of a stage that describe its pictures."""
+"""Values of a stage that headers of pictures contain."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StageInfo:
-    """Rates, unit and files of a stage."""
+    """Rates, unit, files and drawable prims of a stage."""
 
     frames_per_second: float
     """Rate of playback."""
@@ -16,3 +16,7 @@ class StageInfo:
     files: tuple[str, ...]
     """Absolute paths of the files of all used layers, sorted; empty if a layer exists only in
     memory or has unsaved edits. The session layer does not count."""
+    prims: tuple[str, ...]
+    """Paths of all prims that can be drawn, hidden ones too, sorted. They do not depend on time,
+    visibility and purposes: an index in them identifies a prim over a sequence, and between
+    runs."""

@@ -64,7 +64,7 @@ def _file_ids(engine: Engine) -> npt.NDArray[np.uint32]:
 
     The last entry, which the renderer's -1 selects, is the id of empty pixels.
     """
-    index = {path: number for number, path in enumerate(engine.prim_paths())}
+    index = {path: number for number, path in enumerate(engine.stage_info().prims)}
     return np.array([*(index[path] for path in engine.drawn_paths()), EMPTY], np.uint32)
 
 

@@ -128,7 +128,7 @@ def picture_header(engine: Engine, plan: PicturePlan, view: View, *, origin: Ori
         **{f"usdsplat:shown:{name}": value for name, value in origin.shown.items()},
     }
     if "id" in plan.aovs:
-        entries["usdsplat:ids"] = json.dumps(engine.prim_paths())
+        entries["usdsplat:ids"] = json.dumps(info.prims)
     if "cryptoObject" in plan.aovs:
         entries |= cryptomatte.metadata("cryptoObject", engine.drawn_paths())
     return entries

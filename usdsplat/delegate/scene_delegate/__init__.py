@@ -12,8 +12,7 @@ from pxr import Usd
 
 from usdsplat.delegate.scene_delegate.delegate import UsdSceneDelegate
 from usdsplat.delegate.scene_delegate.render_products import find_products, read_products
-from usdsplat.delegate.scene_delegate.stage_info import read_stage_info
 
 Stage: TypeAlias = Usd.Stage
 
-__all__ = ["Stage", "UsdSceneDelegate", "find_products", "read_products", "read_stage_info"]
+__all__ = ["Stage", "UsdSceneDelegate", "find_products", "read_products"]

@@ -31,12 +31,14 @@ from usdsplat.delegate.scene_delegate.population import Appearance, Population, 
 from usdsplat.delegate.scene_delegate.readings import Readings, Sources
 from usdsplat.delegate.scene_delegate.reconcile import reconcile
 from usdsplat.delegate.scene_delegate.skeletons import Skeletons
+from usdsplat.delegate.scene_delegate.stage_info import read_stage_info
 from usdsplat.delegate.scene_delegate.textures import Textures
 from usdsplat.delegate.scene_delegate.unsupported import (
     findings_on_light,
     findings_on_prims,
 )
 from usdsplat.delegate.scene_delegate.variability import varying_bits
+from usdsplat.delegate.stage_info import StageInfo
 from usdsplat.render.specs import CameraSpec, CropSpec, FieldSpec, LightSpec, MeshSpec
 
 T = TypeVar("T")
@@ -209,14 +211,11 @@ class UsdSceneDelegate:
 
     # --- implementation of `SceneDelegate` ------------------------------------------------
 
-    def prim_paths(self) -> tuple[str, ...]:
-        """Return the paths of all fields and surfaces in all native instances, sorted."""
-        placed = (
-            seen.placement.path
-            for _, entry in self._population.rprims()
-            for seen in entry.appearances
-        )
-        return tuple(sorted(set(placed)))
+    def stage_info(self) -> StageInfo:
+        """Return the values of the stage that headers of pictures contain."""
+        entries = (entry for _, entry in self._population.rprims())
+        placed = (seen.placement.path for entry in entries for seen in entry.appearances)
+        return read_stage_info(self.stage, prims=tuple(sorted(set(placed))))
 
     def field(self, path: str) -> FieldSpec | None:
         """Implement `SceneDelegate.field`."""

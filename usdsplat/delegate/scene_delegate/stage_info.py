@@ -1,4 +1,4 @@
-"""Read the values of a stage that describe its pictures."""
+"""Read the values of a stage that headers of pictures contain."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from pxr import Usd, UsdGeom
 from usdsplat.delegate.stage_info import StageInfo
 
 
-def read_stage_info(stage: Usd.Stage) -> StageInfo:
-    """Return the rates, the unit and the files of a stage."""
+def read_stage_info(stage: Usd.Stage, *, prims: tuple[str, ...]) -> StageInfo:
+    """Return the rates, the unit and the files of a stage, and its drawable prims as given."""
     session = stage.GetSessionLayer()
     layers = [layer for layer in stage.GetUsedLayers() if layer != session]
     is_saved = all(layer.realPath and not layer.dirty for layer in layers)
@@ -17,6 +17,7 @@ def read_stage_info(stage: Usd.Stage) -> StageInfo:
         time_codes_per_second=stage.GetTimeCodesPerSecond(),
         meters_per_unit=UsdGeom.GetStageMetersPerUnit(stage),
         files=tuple(sorted({_file(layer.realPath) for layer in layers})) if is_saved else (),
+        prims=prims,
     )
 
 

@@ -256,8 +256,8 @@ def simulate(
         reading: Entered while the stage is read, as in `Simulation`.
 
     Raises:
-        UsdSplatError: If something cannot be simulated, written or resumed; `StrictError` too.
-        OutputError: If another process simulates to this target.
+        UsdSplatError: If something cannot be simulated, written or resumed, or another process
+            simulates to this target; `StrictError` too.
     """
     findings = Findings() if findings is None else findings
     with output_lock(target), compile_time() as compiled:
