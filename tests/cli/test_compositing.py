@@ -156,7 +156,7 @@ def test_a_lens_and_a_shutter_are_spoken_of_once(run, shot, tmp_path):
     stage = Usd.Stage.Open(str(shot))
     camera = UsdGeom.Camera(stage.GetPrimAtPath("/World/Cam"))
     camera.GetShutterCloseAttr().Set(0.5)
-    camera.GetFStopAttr().Set(2.0)
+    camera.GetFStopAttr().Set(32.0)
     camera.GetFocusDistanceAttr().Set(4.0)
     stage.GetRootLayer().Save()
     output = ("-o", tmp_path / "a.%d.png", *SMALL)

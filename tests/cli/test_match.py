@@ -44,9 +44,11 @@ def graded_picture(path: Path, **grade: Any) -> np.ndarray:
     return chart.picture(stage, color_mode="scene")
 
 
-def write(path: Path, image: np.ndarray) -> Path:
-    """A float EXR."""
-    assert oiio.ImageBuf(np.ascontiguousarray(image)).write(str(path))
+def write(path: Path, image: np.ndarray, space: str = "lin_rec709_scene") -> Path:
+    """A float EXR that names its colour space."""
+    buffer = oiio.ImageBuf(np.ascontiguousarray(image))
+    buffer.specmod().attribute("colorInteropID", space)
+    assert buffer.write(str(path))
     return path
 
 
@@ -76,6 +78,25 @@ def test_a_plate_gives_its_grade(run_json, tmp_path, capture_stage, plate) -> No
     found = chart.picture(stage, color_mode="scene")
     wanted = graded_picture(capture_stage, **GRADE)
     np.testing.assert_allclose(chart.patches(found), chart.patches(wanted), atol=2e-3)
+
+
+def test_it_is_said_which_space_a_plate_was_taken_for(run, tmp_path, capture_stage, plate):
+    """Oracle: the tag of the plate, the flag, and a plate without any, which is linear Rec.709."""
+    untagged = tmp_path / "untagged.exr"
+    assert oiio.ImageBuf(np.ascontiguousarray(oiio.ImageBuf(str(plate)).get_pixels())).write(
+        str(untagged)
+    )
+    space = ("--reference-space", "lin_rec709_scene")
+    for name, flags, source in (
+        (plate, (), "as the file states"),
+        (untagged, space, "as given"),
+        (untagged, (), "assumed, because the file names none"),
+    ):
+        words = (capture_stage, "-o", tmp_path / "a.usda", "--reference", name, *flags)
+        status, out, err = run("match", *words, "--fit", "exposure")
+        assert status == 0
+        assert f"  plate        lin_rec709_scene, {source}" in out.splitlines()
+        assert ("note [assumed-space]" in err) == source.startswith("assumed")
 
 
 def test_the_result_is_a_layer_of_overs_that_can_be_moved(tmp_path, capture_stage, plate) -> None:

@@ -113,5 +113,5 @@ def test_a_grade_out_of_range_is_told() -> None:
     stage.GetPrimAtPath("/Splats").GetAttribute("splat:grade:temperature").Set(10.0)
     with Engine(stage) as engine:
         assert engine.warnings == (
-            "/Splats splat:grade:temperature: found 10, expected 1000 to 25000; it is not drawn",
+            "/Splats.splat:grade:temperature: found 10, expected 1000 to 25000; it is not drawn",
         )

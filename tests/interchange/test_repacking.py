@@ -252,8 +252,7 @@ def test_what_could_not_be_read_is_noted(tmp_path: Path) -> None:
     stage.DefinePrim("/Lost").GetReferences().AddReference("./none.usda")
     stage.Save()
     report = repack(tmp_path / "a.usda", tmp_path / "b.usdc", form="half")
-    unknown, _ = report.notes
-    (missing,) = report.findings
+    (missing,), (unknown, _) = report.findings, report.notes
     assert (missing.code, missing.path) == ("missing-asset", "/Lost")
     assert unknown.startswith("/Splats: found colour space 'foo', expected one that USD knows")
 
