@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import ast
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -54,3 +56,39 @@ def test_no_class_has_a_name_that_was_replaced() -> None:
     }
     assert len(found) > 300
     assert found & LEFT == set()
+
+
+PRINTERS = {
+    "preview/usdview/container.py",  # in usdview's process, which has no console of ours
+    "schema/generate.py",  # programs of developers
+    "sim/schema_source.py",
+}
+
+
+def test_only_the_console_prints() -> None:
+    """Oracle: the syntax trees of all modules. `cli/console.py` survives a closed or full stream,
+    and escapes what would break a line."""
+    found = {
+        path.relative_to(PACKAGE).as_posix()
+        for path in PACKAGE.rglob("*.py")
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Call) and ast.unparse(node.func) in PRINTS
+    }
+    assert found - {"cli/console.py"} == PRINTERS
+
+
+PRINTS = {"print", "sys.stdout.write", "sys.stderr.write", "traceback.print_exc"}
+
+
+def test_the_process_that_forks_has_one_thread_and_loads_little() -> None:
+    """Oracle: a fresh process that has loaded the entry point of the command; locks of other
+    threads would stay locked in the child."""
+    code = (
+        "import sys, threading; import usdsplat.cli.supervise; "
+        "print(threading.active_count(), *sys.modules)"
+    )
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    count, *loaded = run.stdout.split()
+    assert count == "1"
+    heavy = {"numpy", "pxr", "numba", "argparse", "logging", "json", "pathlib", "shutil"}
+    assert heavy & set(loaded) == set()

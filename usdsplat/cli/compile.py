@@ -28,6 +28,7 @@ from typing import Annotated
 from usdsplat.cli import console
 from usdsplat.cli.arguments import option
 from usdsplat.core.errors import BackendError, UsageError
+from usdsplat.core.text import shown
 from usdsplat.core.wording import counted
 from usdsplat.kernels.cuda.support import Capability
 
@@ -74,7 +75,7 @@ def run(options: Options) -> int:
     if options.json:
         console.print_json({"folder": str(store.folder()), "kernels": len(tasks)})
     else:
-        print(f"{store.folder()}: {counted(len(tasks), 'kernel')}")
+        console.say(f"{shown(store.folder())}: {counted(len(tasks), 'kernel')}")
     return 0
 
 

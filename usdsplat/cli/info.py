@@ -25,6 +25,7 @@ from usdsplat.cli.arguments import option, positional
 from usdsplat.cli.stage_options import StageOptions
 from usdsplat.cli.values import time_code
 from usdsplat.core.errors import UsageError
+from usdsplat.core.text import shown
 
 if TYPE_CHECKING:
     from usdsplat.products.report import Report
@@ -64,7 +65,7 @@ def run(options: Options) -> int:
     if options.json:
         console.print_json(described)
     else:
-        print("\n".join(_lines(described, "")))
+        console.say("\n".join(_lines(described, "")))
     return 0
 
 
@@ -124,7 +125,7 @@ def _lines(value: dict[str, Any], indent: str) -> list[str]:
             for entry in item:
                 lines += [f"{indent}{name}", *_lines(entry, indent + "  ")]
         elif isinstance(item, list) and isinstance(item[0], str):
-            lines += [f"{indent}{name:<18} {entry}" for entry in item]
+            lines += [f"{indent}{name:<18} {shown(entry)}" for entry in item]
         elif isinstance(item, dict) and any(isinstance(v, str) for v in item.values()):
             lines += [f"{indent}{name}", *_lines(item, indent + "  ")]
         else:
@@ -140,4 +141,4 @@ def _text(item: Any) -> str:
         return " ".join(f"({_text(e)})" if isinstance(e, list) else _text(e) for e in item)
     if isinstance(item, bool):
         return "yes"
-    return f"{item:.6g}" if isinstance(item, float) else str(item)
+    return f"{item:.6g}" if isinstance(item, float) else shown(item)

@@ -28,6 +28,7 @@ from usdsplat.cli.arguments import option, positional
 from usdsplat.cli.stage_options import StageOptions
 from usdsplat.cli.values import resolution_of, time_code
 from usdsplat.core.errors import UsageError
+from usdsplat.core.text import shown
 from usdsplat.core.wording import counted
 
 if TYPE_CHECKING:
@@ -109,7 +110,7 @@ def run(options: Options) -> int:
     if options.json:
         console.print_json(asdict(report))
     else:
-        print(_told(report))
+        console.say(_told(report))
     return 0
 
 
@@ -134,7 +135,7 @@ def _told(report: MatchReport) -> str:
     before, after = report.delta_e["before"], report.delta_e["after"]
     samples = f"{report.used} of {report.samples} {report.kind}"
     lines = [
-        f"{report.target}: {counted(len(report.prim_paths), 'field')} graded by {samples}",
+        f"{shown(report.target)}: {counted(len(report.prim_paths), 'field')} graded by {samples}",
         *(f"  prim         {path}" for path in report.prim_paths),
         f"  exposure     {report.exposure:+.3f} stops",
         f"  temperature  {report.temperature:.0f} K",

@@ -20,6 +20,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
+from usdsplat.cli import console
 from usdsplat.cli.arguments import option
 
 VARIABLE = "PXR_PLUGINPATH_NAME"
@@ -39,7 +40,7 @@ def run(options: Options) -> int:
     from usdsplat.schema.registration import plugin_folder
 
     folders = os.pathsep.join(map(str, (plugin_folder(), Path(usdview.__file__).parent)))
-    print(_line(folders) if options.export else folders)
+    console.say_path(_line(folders) if options.export else folders)
     return 0
 
 

@@ -136,7 +136,7 @@ def run(options: Options) -> int:
             ):
                 report.append(drawn)
                 if not options.json:
-                    print(drawn.path, flush=True)
+                    console.say_path(drawn.path)
     if not report:
         console.remark("nothing to do: every file exists already")
     if options.json:

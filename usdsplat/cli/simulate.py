@@ -101,7 +101,7 @@ def _make(options: Options, preset: str, source: Path, target: Path) -> int:
         console.print_json({"files": [str(path) for path in files]})
         return 0
     for path in files:
-        print(path)
+        console.say_path(path)
     console.remark(f"next: usdsplat simulate {target} -o {target.with_stem(target.stem + '_bake')}")
     return 0
 
@@ -139,7 +139,7 @@ def _bake(options: Options, source: Path, target: Path) -> int:
     if options.json:
         console.print_json(report.as_dict())
     else:
-        print(target)
+        console.say_path(target)
         console.remark(report.sentence())
     return 0
 

@@ -23,6 +23,7 @@ from usdsplat.cli import console
 from usdsplat.cli.arguments import option, positional
 from usdsplat.cli.stage_options import StageOptions
 from usdsplat.cli.values import time_code
+from usdsplat.core.text import shown
 from usdsplat.core.wording import counted
 
 
@@ -56,8 +57,12 @@ def run(options: Options) -> int:
         console.print_json([asdict(finding) for finding in findings])
     else:
         for finding in findings:
-            print(f"{finding.severity}: {finding.message}\n  cure: {finding.cure}")
+            console.say(
+                f"{finding.severity}: {shown(finding.message)}\n  cure: {shown(finding.cure)}"
+            )
             if finding.rule:
-                print(f"  rule: {finding.rule} of NVIDIA's validator for splats")
-        print(f"{options.stage}: {counted(errors, 'error')}, {counted(warnings, 'warning')}")
+                console.say(f"  rule: {finding.rule} of NVIDIA's validator for splats")
+        console.say(
+            f"{shown(options.stage)}: {counted(errors, 'error')}, {counted(warnings, 'warning')}"
+        )
     return 1 if errors else 0

@@ -5,15 +5,20 @@ from __future__ import annotations
 import errno
 import os
 import secrets
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Literal
 
+from usdsplat.core import interrupt
 from usdsplat.core.errors import OutputError, UsdSplatError
 
 Existing = Literal["error", "resume", "replace"]
 """Treatment of existing results: raise an error, keep and continue them, or replace them."""
+
+announce: Callable[[str, bool], None] | None = None
+"""Function that is called with a temporary path and True before the path is made, and with the path
+and False after it was removed. Another process can then remove it if this one is killed."""
 
 _NO_ROOM = {errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG}
 
@@ -29,12 +34,16 @@ def atomic_path(target: Path | str) -> Iterator[Path]:
     Raises:
         OutputError: If the folder is missing or not writable, if `target` exists and is not a plain
             file, or if the disk becomes full.
+        Interrupted: If the process was asked to end, see `core.interrupt`.
     """
     final = Path(os.path.realpath(target))
     _check(target, final)
     temporary = final.with_name(f".{os.getpid()}-{secrets.token_hex(4)}.{final.name}")
+    if announce is not None:
+        announce(str(temporary), True)
     try:
         yield temporary
+        interrupt.check()
         os.replace(temporary, final)
     except UsdSplatError:
         raise
@@ -46,6 +55,8 @@ def atomic_path(target: Path | str) -> Iterator[Path]:
     finally:
         # Also on Ctrl-C. After the rename the temporary file no longer exists.
         temporary.unlink(missing_ok=True)
+        if announce is not None:
+            announce(str(temporary), False)
 
 
 def _check(target: Path | str, final: Path) -> None:
