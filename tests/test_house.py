@@ -92,3 +92,27 @@ def test_the_process_that_forks_has_one_thread_and_loads_little() -> None:
     assert count == "1"
     heavy = {"numpy", "pxr", "numba", "argparse", "logging", "json", "pathlib", "shutil"}
     assert heavy & set(loaded) == set()
+
+
+RAW = {
+    "GetStageUpAxis",
+    "GetLocalToWorldTransform",
+    "GetParentToWorldTransform",
+    "ComputeLocalToWorldTransform",
+    "ComputeParentToWorldTransform",
+    "ComputeRelativeTransform",
+    "ComputeWorldBound",
+    "ComputeUntransformedBound",
+}
+
+
+def test_only_one_module_asks_usd_for_values_that_may_be_anything() -> None:
+    """Oracle: the syntax trees of all modules. These calls raise USD's own errors, or return any
+    word, for a damaged stage; `schema/stage_values.py` has checked ones."""
+    found = {
+        path.relative_to(PACKAGE).as_posix()
+        for path in PACKAGE.rglob("*.py")
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Attribute) and node.attr in RAW
+    }
+    assert found == {"schema/stage_values.py"}

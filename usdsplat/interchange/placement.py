@@ -14,6 +14,7 @@ from usdsplat import formats, schema
 from usdsplat.core import axes
 from usdsplat.core.cloud import F64
 from usdsplat.core.errors import StageError, UsageError
+from usdsplat.schema.stage_values import up_axis
 
 ROOT = "World"
 """Name of the default prim for a stage without one."""
@@ -62,7 +63,7 @@ def placement(stage: Usd.Stage, frame: str, meters_per_unit: float | None) -> Pl
 
 def stage_frame(stage: Usd.Stage) -> str:
     """Return the axes of a stage."""
-    return axes.UP_AXIS_FRAME[str(UsdGeom.GetStageUpAxis(stage))]
+    return axes.UP_AXIS_FRAME[up_axis(stage)]
 
 
 def checked_unit(meters_per_unit: float) -> float:

@@ -17,6 +17,7 @@ from pxr import Sdf, Usd, UsdGeom, UsdUtils, Vt
 from usdsplat.core.errors import OutputError, UsageError
 from usdsplat.images.frame_numbers import frame_path
 from usdsplat.interchange.authoring import prepare
+from usdsplat.schema.stage_values import up_axis
 
 _TOPOLOGY = "topology.usda"
 _MANIFEST = "manifest.usda"
@@ -71,7 +72,7 @@ class Clips:
         )
         stage = Usd.Stage.CreateNew(str(path))
         unit = UsdGeom.GetStageMetersPerUnit(self._stage)
-        prepare(stage, UsdGeom.GetStageUpAxis(self._stage), unit)
+        prepare(stage, up_axis(self._stage), unit)
         stage.SetStartTimeCode(time)
         stage.SetEndTimeCode(time)
         stage.SetTimeCodesPerSecond(self._stage.GetTimeCodesPerSecond())

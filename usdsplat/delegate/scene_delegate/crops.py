@@ -12,6 +12,7 @@ from usdsplat.core.errors import StageError
 from usdsplat.delegate.scene_delegate.placing import column_matrix
 from usdsplat.delegate.scene_delegate.volumes import SHAPES, Crop, Volume
 from usdsplat.render.specs import CropShape, CropSpec, Matrix
+from usdsplat.schema.stage_values import local_to_world
 
 NOWHERE: Matrix = (0.0, 0.0, 0.0, 2.0) * 3 + (0.0, 0.0, 0.0, 1.0)
 """Matrix that maps the whole world to a point outside every canonical shape."""
@@ -29,7 +30,15 @@ def read_crop(
     """
     specs, problem = [], crop.problem
     for volume in crop.volumes:
-        spec = _read_volume(volume, time, cache)
+        try:
+            spec = _read_volume(volume, time, cache)
+        except StageError as error:  # its place is unknown
+            spec = CropSpec(
+                shape=SHAPES[volume.prim.GetTypeName()],
+                world_to_shape=NOWHERE,
+                keeps=volume.keeps,
+            )
+            problem = problem or error
         specs.append(spec)
         if spec.world_to_shape == NOWHERE and problem is None:
             where = str(volume.prim.GetPath())
@@ -38,12 +47,17 @@ def read_crop(
 
 
 def _read_volume(volume: Volume, time: Usd.TimeCode, cache: UsdGeom.XformCache) -> CropSpec:
+    """Return a volume; NOWHERE if it has no size.
+
+    Raises:
+        StageError: If USD does not know one of its transform ops.
+    """
     prim = volume.prim
     shape = SHAPES[prim.GetTypeName()]
     size, length = _size(prim, shape, time)
     world_to_shape = NOWHERE
     if all(0 < each < np.inf for each in size) and 0 <= length < np.inf:
-        placed = column_matrix(cache.GetLocalToWorldTransform(prim)) @ _turn(prim, time)
+        placed = column_matrix(local_to_world(prim, cache)) @ _turn(prim, time)
         world_to_shape = _inverse(placed @ np.diag([*size, 1.0]))
     return CropSpec(
         shape=shape,

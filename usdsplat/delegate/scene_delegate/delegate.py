@@ -33,8 +33,12 @@ from usdsplat.delegate.scene_delegate.skeletons import Skeletons
 from usdsplat.delegate.scene_delegate.textures import Textures
 from usdsplat.delegate.scene_delegate.variability import varying_bits
 from usdsplat.render.specs import CameraSpec, CropSpec, FieldSpec, LightSpec, MeshSpec
+from usdsplat.schema.stage_values import up_axis, up_axis_problem
 
 T = TypeVar("T")
+
+_NOWHERE: F64 = np.full((4, 4), np.nan)
+"""Transform of an appearance that cannot be placed; it is not drawn."""
 
 LOG = logging.getLogger("usdsplat")
 """Logs each prim that is not drawn once, for Python users; commands print it too."""
@@ -80,14 +84,16 @@ class UsdSceneDelegate:
 
     @property
     def up_axis(self) -> str:
-        """The stage's upAxis, "Y" or "Z"."""
-        return str(UsdGeom.GetStageUpAxis(self.stage))
+        """The stage's upAxis, "Y" or "Z"; "Y" if it is neither."""
+        return up_axis(self.stage)
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """One sentence for each prim with a problem, by path."""
         found = {(path, ""): why for path, why in self._population.problems.items()}
         found |= {key: why for key, why in self.problems.items() if self._is_of_interest(*key)}
+        if (problem := up_axis_problem(self.stage)) is not None:
+            found["/", "stage"] = problem
         told = [(path, _told(why, kind)) for (path, kind), why in found.items()]
         for path, reader in self._meshes.items():
             if self._is_of_interest(path, "mesh") and (path, "mesh") not in found:
@@ -229,16 +235,21 @@ class UsdSceneDelegate:
         if path in self._population.meshes:
             sources = Sources(self.stage, DirtyBits.TRANSFORM)
             frame = partial(self._skeletons.frame, sources=sources)
-        found = tuple(
-            placing.transforms(each, frame(each.levels[-1].prim), self._xforms)
-            for each in self._appearances(path)
-        )
+        problem: UsdSplatError | None = None
+        found = []
+        for each in self._appearances(path):
+            try:
+                found.append(placing.transforms(each, frame(each.levels[-1].prim), self._xforms))
+            except StageError as error:
+                problem = error
+                found.append((_NOWHERE,) * len(each.levels))
         if path in self._population.meshes and self._readings.put(path, "transforms", sources):
             self._varying.pop(path, None)
         finite = all(np.isfinite(matrix).all() for levels in found for matrix in levels)
-        error = StageError(path, "a transform that is not finite", "numbers")
-        self._remark("transforms", path, None if finite else error)
-        return found
+        if problem is None and not finite:
+            problem = StageError(path, "a transform that is not finite", "numbers")
+        self._remark("transforms", path, problem)
+        return tuple(found)
 
     def visible(self, path: str) -> tuple[bool, ...]:
         """Implement `SceneDelegate.visible`."""

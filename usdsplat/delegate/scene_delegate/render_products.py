@@ -19,6 +19,7 @@ from usdsplat.delegate.scene_delegate import collections
 from usdsplat.render.framing import data_window
 from usdsplat.render.settings import RenderSettings, usd_names
 from usdsplat.render.specs import Framing
+from usdsplat.schema.stage_values import are_finite
 
 AOVS = {
     "color": "color",
@@ -88,7 +89,7 @@ def find_products(
             raise StageError(f"{prim.GetPath()}.products", str(target), "a RenderProduct prim")
         reader = _Reader(product, prim, render_pass, code)
         spec = reader.product(camera=camera, resolution=resolution, overrides=overrides)
-        found.append(replace(spec, warnings=(*warnings, *reader.foreign())))
+        found.append(replace(spec, warnings=(*warnings, *reader.problems(), *reader.foreign())))
     return tuple(found)
 
 
@@ -204,12 +205,21 @@ class _Reader:
 
     def _framing(self, resolution: tuple[int, int] | None) -> Framing:
         width, height = resolution or self._value("resolution")
+        ndc = tuple(self._value("dataWindowNDC"))
         return Framing(
             resolution=(int(width), int(height)),
-            data_window=data_window(tuple(self._value("dataWindowNDC")), (width, height)),
+            data_window=data_window(ndc, (width, height)) if are_finite(ndc) else None,
             pixel_aspect_ratio=float(self._value("pixelAspectRatio")),
             conform=str(self._value("aspectRatioConformPolicy")),
         )
+
+    def problems(self) -> Iterator[str]:
+        """Yield a sentence for each value that is not usable and is replaced."""
+        ndc = self._value("dataWindowNDC")
+        if not are_finite(ndc):
+            numbers = ", ".join(f"{each:g}" for each in ndc)
+            words = f"found ({numbers}), expected finite numbers; the whole window is rendered"
+            yield f"{self._product.GetPath()}.dataWindowNDC: {words}"
 
     def _render_settings(self, overrides: Mapping[str, Any]) -> RenderSettings:
         values = {}

@@ -11,6 +11,7 @@ from usdsplat.core.errors import StageError
 from usdsplat.interchange.files import check_not_input, check_suffix, layer_files, save
 from usdsplat.preview.stage_model.cameras import author_camera, camera_path, check_camera
 from usdsplat.render.specs import CameraSpec
+from usdsplat.schema.stage_values import up_axis
 
 _FRAME = (
     "upAxis",
@@ -74,7 +75,7 @@ def save_camera_layer(
     check_camera(spec)
     path = camera_path(name)
     alone = Usd.Stage.CreateInMemory()
-    UsdGeom.SetStageUpAxis(alone, UsdGeom.GetStageUpAxis(stage))
+    UsdGeom.SetStageUpAxis(alone, up_axis(stage))
     UsdGeom.SetStageMetersPerUnit(alone, UsdGeom.GetStageMetersPerUnit(stage))
     author_camera(alone, path, spec)
     save(alone.GetRootLayer(), target)

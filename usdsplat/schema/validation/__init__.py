@@ -17,6 +17,7 @@ from usdsplat.schema import attributes, tokens
 from usdsplat.schema.field import is_splat_field
 from usdsplat.schema.validation import arrays, box, packing, radiance
 from usdsplat.schema.validation.finding import Finding, Sample
+from usdsplat.schema.validation.stage import check_stage
 
 __all__ = [
     "CHECKS",
@@ -72,7 +73,7 @@ _OF_FORM: Sequence[Check] = (
 def validate(
     stage: Usd.Stage, *, time: float | None = None, progress: Progress = silent
 ) -> list[Finding]:
-    """Check every splat field of a stage.
+    """Check every splat field of a stage, and what pictures of any prim depend on.
 
     Args:
         stage: The stage; it is not modified.
@@ -80,7 +81,8 @@ def validate(
         progress: Receives the number of checked fields.
 
     Returns:
-        Findings in the order of the prims, the stage last; empty if there are none. A fault that
+        Findings in the order of the fields, then those of other prims and of the stage; empty if
+        there are none. A fault that
         several samples of an attribute share is one finding.
     """
     fields = list(splat_fields(stage))
@@ -91,7 +93,8 @@ def validate(
         codes = None if time is None else [Usd.TimeCode(time)]
         findings += check_field(prim, checks, codes)
     progress.step("validating", len(fields), len(fields))
-    return [*findings, *_stage_metadata(stage)] if fields else []
+    findings += check_stage(stage, time)
+    return [*findings, *_stage_metadata(stage)] if fields else findings
 
 
 def check_field(
