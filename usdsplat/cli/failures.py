@@ -14,6 +14,8 @@ from usdsplat.core.text import shown
 FOUND, UNFORESEEN, CLOSED = 2, 3, 141
 """Exit statuses: an explained error, an unforeseen one, and a stdout that its reader has closed."""
 MEMORY = "found too little memory, expected more, or a smaller task"
+_SAMPLE = 80
+"""Length of text in a message [character]."""
 _SIGNS = (
     "bad_alloc",
     "cannot allocate memory",
@@ -49,6 +51,13 @@ def explain(error: Exception, arguments: Sequence[str]) -> int:
         return FOUND
     if lacks_memory(error):
         console.complain(f"{command(arguments)}: {MEMORY}")
+        return FOUND
+    if isinstance(error, UnicodeError):
+        sample = error.object if isinstance(error, UnicodeEncodeError | UnicodeDecodeError) else ""
+        found = (
+            f"text that is not UTF-8: {sample[:_SAMPLE]!r}" if sample else "text that is not UTF-8"
+        )
+        console.complain(f"{command(arguments)}: found {found}, expected UTF-8")
         return FOUND
     if isinstance(error, OSError):
         found = (error.strerror or str(error)).lower()

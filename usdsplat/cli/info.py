@@ -110,7 +110,7 @@ def _draw(
 
     assert options.plot is not None  # checked by the callers
     with on_compile(console.announce_compilation()):
-        page = make(options.file.name, _lines(described, ""))
+        page = make(shown(options.file.name), _lines(described, ""))
     report.write(page, options.plot)
 
 

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 T = TypeVar("T", bound="DataclassInstance")
 
 _KINDS = {float: "a number", int: "a whole number"}
+LARGEST = 2**31 - 1
+"""Largest whole number that a flag takes; C++ libraries hold 32 bits."""
 NARROWEST = 40
 """Least width of help [character]; argparse may not end on a narrower terminal."""
 _METAVARS = {float: "FLOAT", int: "INT", str: "TEXT", Path: "PATH"}
@@ -202,7 +204,10 @@ def _converted(argument: Argument, value: Any) -> Any:
     if argument.is_many:
         return tuple(argument.kind(each) for each in value)
     try:
-        return argument.kind(value)
+        converted = argument.kind(value)
+        if isinstance(converted, int) and abs(converted) > LARGEST:
+            raise _Mistake(f"{argument.flag} {value!r}", f"a whole number of at most {LARGEST}")
+        return converted
     except ValueError:
         expected = _KINDS.get(argument.kind, "another value")
         raise _Mistake(f"{argument.flag} {value!r}", expected) from None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 
+from usdsplat.core.text import shown
 from usdsplat.images.layout import Metadata
 
 
@@ -17,7 +18,7 @@ def picture_metadata(*, stage: str, frame: float, samples: int, exposure: float)
         exposure: Factor of the camera on linear light.
     """
     return {
-        "usdsplat:stage": stage,
+        "usdsplat:stage": shown(stage),
         "usdsplat:frame": float(frame),
         "usdsplat:samples": samples,
         "usdsplat:exposure": float(exposure),

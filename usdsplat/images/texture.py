@@ -16,6 +16,7 @@ import OpenImageIO as oiio
 
 from usdsplat.core.cloud import F32
 from usdsplat.core.errors import FormatError
+from usdsplat.core.readable import readable
 from usdsplat.core.scratch import scratch_folder
 from usdsplat.images.color import convert
 
@@ -70,7 +71,7 @@ def read_packed_texture(data: bytes, name: str, *, encoding: Encoding = "auto") 
 
 def _read(path: str) -> npt.NDArray[Any]:
     """Read all channels in the file's own type, shape (h, w, c)."""
-    file = oiio.ImageInput.open(path)
+    file = oiio.ImageInput.open(readable(path))
     if file is None:
         raise FormatError(path, _reason(), "a picture")
     try:

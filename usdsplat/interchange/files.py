@@ -14,6 +14,7 @@ import usdsplat.schema  # noqa: F401 - our types must be known before the first 
 from usdsplat import formats
 from usdsplat.core.errors import OutputError, StageError, UnknownFormatError
 from usdsplat.core.output import atomic_path
+from usdsplat.core.readable import readable
 
 SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 
@@ -52,7 +53,7 @@ def open_layer(path: Path, *, anonymous: bool = False) -> Sdf.Layer:
         raise StageError(str(path), "a capture", "a USD file")
     found = ""
     try:
-        layer = (Sdf.Layer.OpenAsAnonymous if anonymous else Sdf.Layer.FindOrOpen)(str(path))
+        layer = (Sdf.Layer.OpenAsAnonymous if anonymous else Sdf.Layer.FindOrOpen)(readable(path))
     except Tf.ErrorException as error:
         layer, found = None, _sentence(error)
     if not layer:

@@ -14,6 +14,7 @@ from usdsplat import formats, schema
 from usdsplat.core import axes
 from usdsplat.core.cloud import F64
 from usdsplat.core.errors import StageError, UsageError
+from usdsplat.core.text import shown
 from usdsplat.schema.stage_values import up_axis
 
 ROOT = "World"
@@ -136,7 +137,7 @@ def identifier(text: str) -> str:
 
     USD's own function would replace the digit by `_`: 0001 and 1001 would be equal.
     """
-    letters = unicodedata.normalize("NFKD", text)
+    letters = unicodedata.normalize("NFKD", shown(text))
     plain = "".join(letter for letter in letters if not unicodedata.combining(letter))
     return str(Tf.MakeValidIdentifier(f"_{plain}" if plain[:1].isdecimal() else plain))
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from pxr import Sdf, Usd, UsdGeom
 
 from usdsplat.core.errors import StageError
+from usdsplat.core.readable import check_referable
 from usdsplat.interchange.files import check_not_input, check_suffix, layer_files, save
 from usdsplat.preview.stage_model.cameras import author_camera, camera_path, check_camera
 from usdsplat.render.specs import CameraSpec
@@ -96,7 +97,12 @@ def _copy_frame(source: Sdf.Layer, target: Sdf.Layer) -> None:
 
 
 def _from(target: Path, path: str) -> str:
-    """Return a file's path relative to the target's folder, so that both can be moved together."""
+    """Return a file's path relative to the target's folder, so that both can be moved together.
+
+    Raises:
+        StageError: If the file's name is not UTF-8.
+    """
+    check_referable(path)
     try:
         relative = Path(os.path.relpath(path, target.resolve().parent)).as_posix()
     except ValueError:  # another drive

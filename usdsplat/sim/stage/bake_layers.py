@@ -25,6 +25,7 @@ from pxr import Sdf, Usd, Vt
 
 from usdsplat.core.errors import OutputError, StageError
 from usdsplat.core.output import atomic_path
+from usdsplat.core.readable import check_referable
 from usdsplat.schema import tokens
 from usdsplat.sim.stage.plan import Plan
 from usdsplat.sim.stage.provenance import nested
@@ -146,6 +147,7 @@ class BakeLayers:
         root = self._stage.GetRootLayer()
         if root.anonymous or not root.realPath:
             raise StageError(root.identifier, "a stage without a file", "a saved one")
+        check_referable(root.realPath)
         used = {Path(layer.realPath) for layer in self._stage.GetUsedLayers() if layer.realPath}
         if self.target.resolve() in {path.resolve() for path in used}:
             raise StageError(str(self.target), "a layer of the stage itself", "another name")
