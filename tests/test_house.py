@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import ast
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -112,3 +114,63 @@ def test_files_are_written_by_one_function() -> None:
             found[path.relative_to(PACKAGE).as_posix()] = calls - {""}
     assert {name: calls for name, calls in found.items() if name not in {*WRITERS, *ALLOWED}} == {}
     assert {*WRITERS, *ALLOWED} <= found.keys()
+
+
+PRINTERS = {
+    "preview/usdview/container.py",  # in usdview's process, which has no console of ours
+    "schema/generate.py",  # programs of developers
+    "sim/schema_source.py",
+}
+
+
+def test_only_the_console_prints() -> None:
+    """Oracle: the syntax trees of all modules. `cli/console.py` survives a closed or full stream,
+    and escapes what would break a line."""
+    found = {
+        path.relative_to(PACKAGE).as_posix()
+        for path in PACKAGE.rglob("*.py")
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Call) and ast.unparse(node.func) in PRINTS
+    }
+    assert found - {"cli/console.py"} == PRINTERS
+
+
+PRINTS = {"print", "sys.stdout.write", "sys.stderr.write", "traceback.print_exc"}
+
+
+def test_the_process_that_forks_has_one_thread_and_loads_little() -> None:
+    """Oracle: a fresh process that has loaded the entry point of the command; locks of other
+    threads would stay locked in the child."""
+    code = (
+        "import sys, threading; import usdsplat.cli.supervise; "
+        "print(threading.active_count(), *sys.modules)"
+    )
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    count, *loaded = run.stdout.split()
+    assert count == "1"
+    heavy = {"numpy", "pxr", "numba", "argparse", "logging", "json", "pathlib", "shutil"}
+    assert heavy & set(loaded) == set()
+
+
+RAW = {
+    "GetStageUpAxis",
+    "GetLocalToWorldTransform",
+    "GetParentToWorldTransform",
+    "ComputeLocalToWorldTransform",
+    "ComputeParentToWorldTransform",
+    "ComputeRelativeTransform",
+    "ComputeWorldBound",
+    "ComputeUntransformedBound",
+}
+
+
+def test_only_one_module_asks_usd_for_values_that_may_be_anything() -> None:
+    """Oracle: the syntax trees of all modules. These calls raise USD's own errors, or return any
+    word, for a damaged stage; `schema/stage_values.py` has checked ones."""
+    found = {
+        path.relative_to(PACKAGE).as_posix()
+        for path in PACKAGE.rglob("*.py")
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Attribute) and node.attr in RAW
+    }
+    assert found == {"schema/stage_values.py"}

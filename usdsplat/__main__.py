@@ -2,6 +2,6 @@
 
 from __future__ import annotations
 
-from usdsplat.cli.main import main
+from usdsplat.cli.supervise import entry
 
-raise SystemExit(main())
+raise SystemExit(entry())

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import errno
 import importlib
 import logging
+import os
 import re
+import shlex
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import pytest
@@ -136,15 +140,62 @@ def test_errors_of_the_system_are_one_line(monkeypatch, capsys):
     )
 
 
-def test_bugs_keep_their_traceback(monkeypatch):
-    """Oracle: what is no mistake of the user's is not hidden from who must mend it."""
+def test_a_bug_is_one_sentence_and_a_report(monkeypatch, capsys, tmp_path):
+    """Oracle: status 3; the report has the command line, versions and the traceback, mode 0600."""
+
+    def broken(arguments):
+        raise ZeroDivisionError("a bug")
+
+    monkeypatch.setattr(main_module, "_run", broken)
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    assert main(["render", "a\udcff.usd"]) == 3
+    out, err = capsys.readouterr()
+    (report,) = tmp_path.iterdir()
+    assert out == ""
+    assert err == (
+        "usdsplat: render: found an error that is not foreseen (ZeroDivisionError), expected "
+        f"none; the report is in {report}\n"
+    )
+    text = report.read_text()
+    assert "'render' 'a\\udcff.usd'" in text
+    assert f"usdsplat {usdsplat.__version__}" in text
+    assert "Traceback (most recent call last)" in text and "ZeroDivisionError: a bug" in text
+    if os.name != "nt":
+        assert report.stat().st_mode & 0o777 == 0o600
+
+
+def test_a_bug_without_a_place_for_a_report_is_one_sentence(monkeypatch, capsys, tmp_path):
+    """Oracle: a folder for temporary files that does not exist; status 3."""
 
     def broken(arguments):
         raise ZeroDivisionError
 
     monkeypatch.setattr(main_module, "_run", broken)
-    with pytest.raises(ZeroDivisionError):
-        main(["render"])
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "none"))
+    assert main(["render"]) == 3
+    assert capsys.readouterr().err.endswith("expected none; no report could be written\n")
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        MemoryError(),
+        RuntimeError("std::bad_alloc"),
+        OSError(errno.ENOMEM, "Cannot allocate memory"),
+        ImportError("a.so: failed to map segment from shared object"),
+    ],
+    ids=repr,
+)
+def test_too_little_memory_is_one_sentence(error, monkeypatch, capsys):
+    """Oracle: what Python, C++, the system and the linker raise; status 2, and no report."""
+
+    def greedy(arguments):
+        raise error
+
+    monkeypatch.setattr(main_module, "_run", greedy)
+    assert main(["render"]) == 2
+    expected = "usdsplat: render: found too little memory, expected more, or a smaller task\n"
+    assert capsys.readouterr().err == expected
 
 
 @pytest.mark.parametrize("argv", [["--help"], ["render", "--help"]])
@@ -194,3 +245,53 @@ def test_the_library_logs_to_nobody_at_the_command_line(capsys):
     main(["--version"])
     logging.getLogger("usdsplat.anything").warning("heard")
     assert capsys.readouterr().err == ""
+
+
+FD_MODES = {"out": ">&-", "err": "2>&-", "all": "<&- >&- 2>&-"}
+
+
+@pytest.mark.skipif(os.name == "nt", reason="a shell of Unix")
+@pytest.mark.parametrize("closed", FD_MODES.values(), ids=FD_MODES)
+@pytest.mark.parametrize("succeeds", [True, False], ids=["works", "fails"])
+def test_closed_streams_change_neither_status_nor_results(closed, succeeds, shot, tmp_path):
+    """Oracle: the status with open streams, and a picture that begins like an EXR."""
+    source = shot if succeeds else "missing.usd"
+    words = [sys.executable, "-m", "usdsplat", "render", source, "-o", tmp_path / "a.exr"]
+    words += ["--resolution", "32x24", "--threads", "1"]
+    line = " ".join(shlex.quote(str(word)) for word in words)
+    log = "" if closed != FD_MODES["out"] else f" 2>{shlex.quote(str(tmp_path / 'log'))}"
+    run = subprocess.run(f"{line} {closed}{log}", shell=True, check=False, timeout=120)
+    assert run.returncode == (0 if succeeds else 2)
+    if succeeds:
+        assert (tmp_path / "a.exr").read_bytes()[:4] == bytes([0x76, 0x2F, 0x31, 0x01])
+    if log:
+        assert "Traceback" not in (tmp_path / "log").read_text()
+
+
+def test_a_full_disk_behind_stderr_changes_no_status():
+    """Oracle: /dev/full as stderr: a wrong command is status 2, help is 0."""
+    full = Path("/dev/full")
+    if not full.exists():
+        pytest.skip("the system has no device that is always full")
+    command = [sys.executable, "-m", "usdsplat"]
+    with full.open("w") as err:
+        for argv, status in ((["rendr"], 2), (["render"], 2), ([], 2), (["--help"], 0)):
+            run = subprocess.run(
+                [*command, *argv],
+                capture_output=False,
+                stderr=err,
+                check=False,
+                stdout=subprocess.DEVNULL,
+            )
+            assert run.returncode == status
+
+
+@pytest.mark.parametrize("columns", range(1, 6))
+@pytest.mark.parametrize("name", ["render", "simulate"])
+def test_help_ends_on_the_narrowest_terminal(name, columns, monkeypatch, capsys):
+    """Oracle: every flag is there, although the terminal is narrower than a word."""
+    monkeypatch.setenv("COLUMNS", str(columns))
+    assert main([name, "--help"]) == 0
+    assert "--threads" in capsys.readouterr().out
+    if name == "simulate":
+        assert main([name, "--list-parameters"]) == 0

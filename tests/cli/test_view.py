@@ -112,8 +112,8 @@ def test_an_address_that_others_reach_has_to_be_wanted(run, capture):
 LISTENING = """
 import signal, sys
 signal.signal(signal.SIGINT, signal.default_int_handler)  # what runs in the background has none
-from usdsplat.cli.main import main
-sys.exit(main())
+from usdsplat.cli.supervise import entry
+sys.exit(entry())
 """
 
 
@@ -135,8 +135,10 @@ def viewing(*arguments: str, **environment: str) -> Iterator[subprocess.Popen[st
 
 
 @pytest.mark.skipif(os.name == "nt", reason="signals of Unix")
-def test_a_page_is_served_until_ctrl_c(capture):
-    """Oracle: what a browser gets at the address that was printed; 128 + SIGINT, and no word."""
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_page_is_served_until_a_signal(capture, number):
+    """Oracle: what a browser gets at the address that was printed; 128 + the signal, and no
+    word."""
     with viewing(str(capture), "--web", "--no-open") as process:
         assert process.stdout is not None and process.stderr is not None
         url = process.stdout.readline().strip()
@@ -145,8 +147,8 @@ def test_a_page_is_served_until_ctrl_c(capture):
                 assert page.status == 200
                 assert b"<!doctype html>" in page.read(200).lower()
         finally:
-            process.send_signal(signal.SIGINT)
-        assert process.wait(60) == 130
+            process.send_signal(number)
+        assert process.wait(60) == 128 + number
         assert (process.stdout.read(), process.stderr.read()) == ("", "")
 
 

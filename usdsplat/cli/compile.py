@@ -29,6 +29,7 @@ from usdsplat.cli import console
 from usdsplat.cli.arguments import option
 from usdsplat.cli.reporting import Reporter, ReportingOptions
 from usdsplat.core.errors import BackendError, UsageError
+from usdsplat.core.text import shown
 from usdsplat.core.wording import counted
 from usdsplat.kernels.cuda.support import Capability
 
@@ -78,7 +79,7 @@ def run(options: Options, reporter: Reporter) -> int:
     if options.json:
         console.print_json({"folder": str(store.folder()), "kernels": len(tasks)})
     else:
-        print(f"{store.folder()}: {counted(len(tasks), 'kernel')}")
+        console.say(f"{shown(store.folder())}: {counted(len(tasks), 'kernel')}")
     return 0
 
 

@@ -1,25 +1,109 @@
-"""Print results to stdout, progress and remarks to stderr.
+"""Print results to stdout, progress, remarks and errors to stderr. Nothing else prints.
 
-On a terminal, progress is a bar with the time left. Elsewhere it is plain lines, which render
-managers and logs can read. Work that takes less than about a second is not reported.
+A stderr that cannot be written is ignored: the exit status is that of the work. On a terminal,
+progress is a bar with the time left. Elsewhere it is plain lines, which render managers and logs
+can read. Work that takes less than about a second is not reported.
 """
 
 from __future__ import annotations
 
-import json
 import math
+import os
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from typing import Any
+from contextlib import contextmanager, suppress
+from typing import IO, Any, TextIO, cast
 
+from usdsplat.core import interrupt
 from usdsplat.core.progress import Progress
+from usdsplat.core.text import shown
 
 PATIENCE = 1.0
 """Time before progress of a task is shown [s]."""
 INTERVALS = ((10.0, 1.0), (60.0, 10.0), (math.inf, 60.0))
 """Pairs (elapsed time of a task [s], interval of plain lines up to that time [s])."""
+
+
+class ResultsLost(Exception):
+    """Signal that stdout cannot be written: closed by its reader, or full.
+
+    Args:
+        error: The system's error.
+    """
+
+    def __init__(self, error: OSError) -> None:
+        super().__init__(str(error))
+        self.error = error
+
+
+def say(text: str = "", *, end: str = "\n") -> None:
+    """Print results to stdout: lines, of which each is escaped as `shown` does.
+
+    Raises:
+        ResultsLost: If stdout cannot be written.
+    """
+    out = sys.stdout
+    if out is None:  # closed before Python started
+        return
+    lines = "\n".join(map(shown, text.split("\n"))) + end
+    encoding = getattr(out, "encoding", None) or "utf-8"
+    try:
+        out.write(lines.encode(encoding, "backslashreplace").decode(encoding))
+        out.flush()
+    except OSError as error:
+        _abandon(out)
+        raise ResultsLost(error) from error
+
+
+def say_path(path: object) -> None:
+    """Print the name of a file to stdout, byte for byte, so that a script gets the file's name.
+
+    Raises:
+        ResultsLost: If stdout cannot be written.
+    """
+    buffer = getattr(sys.stdout, "buffer", None)
+    if buffer is None:  # a stream of characters only, such as that of a notebook
+        say(str(path))
+        return
+    try:
+        sys.stdout.flush()
+        buffer.write(os.fsencode(f"{path}\n"))
+        buffer.flush()
+    except OSError as error:
+        _abandon(sys.stdout)
+        raise ResultsLost(error) from error
+
+
+def complain(message: str) -> None:
+    """Print the sentence of an error."""
+    _write(f"usdsplat: {shown(message)}\n")
+
+
+def tell(text: str) -> None:
+    """Print lines to stderr, such as an overview."""
+    _write(f"{text}\n")
+
+
+def _write(text: str, stream: TextIO | None = None) -> None:
+    """Write to a stream, by default stderr, if it can be written."""
+    err = sys.stderr if stream is None else stream
+    if err is None:
+        return
+    encoding = getattr(err, "encoding", None) or "utf-8"
+    try:
+        err.write(text.encode(encoding, "backslashreplace").decode(encoding))
+        err.flush()
+    except (OSError, ValueError):  # ValueError: closed by Python code
+        _abandon(err)
+
+
+def _abandon(stream: TextIO) -> None:
+    """Discard what is left in the buffer of a stream, which Python would write at its exit."""
+    with suppress(OSError, ValueError):  # a stream without a file descriptor keeps its buffer
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, stream.fileno())
+        os.close(nowhere)
 
 
 @contextmanager
@@ -32,7 +116,7 @@ def progress(compiled: Callable[[], float] = lambda: 0.0) -> Iterator[Progress]:
         compiled: Returns the time spent on compiling kernels so far [s]. Kernels are compiled only
             once, so the estimate of the time left excludes it.
     """
-    if not sys.stderr.isatty():
+    if sys.stderr is None or not sys.stderr.isatty():
         yield Lines(compiled)
         return
     bar = Bar()
@@ -44,7 +128,7 @@ def progress(compiled: Callable[[], float] = lambda: 0.0) -> Iterator[Progress]:
 
 def remark(text: str) -> None:
     """Print a message to the user that is neither a result nor an error."""
-    print(f"usdsplat: {text}", file=sys.stderr)
+    _write(f"usdsplat: {shown(text)}\n")
 
 
 PICTURES = "compiling kernels, once for each kind of picture; it takes up to half a minute"
@@ -68,7 +152,9 @@ def print_json(value: Any) -> None:
 
     Stages may contain such numbers anywhere, and JSON cannot represent them.
     """
-    print(json.dumps(_with_null(value), indent=2, allow_nan=False))
+    import json
+
+    say(json.dumps(_with_null(value), indent=2, allow_nan=False))
 
 
 def _with_null(value: Any) -> Any:
@@ -97,6 +183,7 @@ class Lines:
         self._started = self._printed = time.monotonic()
 
     def step(self, label: str, done: int, total: int) -> None:
+        interrupt.check()
         now = time.monotonic()
         if label != self._label:
             self._label, self._started, self._printed = label, now, now
@@ -108,7 +195,7 @@ class Lines:
             return
         self._printed = now
         worked = max(elapsed - (self._compiled() - self._compiled_before), 0.0)
-        print(f"usdsplat: {label}{_amount(done, total, worked)}", file=sys.stderr)
+        _write(f"usdsplat: {shown(label)}{_amount(done, total, worked)}\n")
 
 
 class Bar:
@@ -120,6 +207,7 @@ class Bar:
         self._rich: Any = None
 
     def step(self, label: str, done: int, total: int) -> None:
+        interrupt.check()
         now = time.monotonic()
         if label != self._label:
             self.stop()
@@ -129,7 +217,7 @@ class Bar:
                 return
             self._rich = _rich_progress()
             self._rich.start()
-            self._task = self._rich.add_task(label, total=total or None)
+            self._task = self._rich.add_task(_literal(label), total=total or None)
         self._rich.update(self._task, completed=done, total=total or None)
 
     def stop(self) -> None:
@@ -147,6 +235,27 @@ def _amount(done: int, total: int, worked: float) -> str:
     return f" {done}/{total} ({100 * done // total} %{left})"
 
 
+class _Terminal:
+    """stderr for `rich`, which may be closed while a bar is shown."""
+
+    def __init__(self) -> None:
+        self._stream = sys.stderr  # before `rich` replaces it
+
+    def write(self, text: str) -> int:
+        _write(text, self._stream)
+        return len(text)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+
+def _literal(label: str) -> str:
+    """Return a label that `rich` shows as it is, although it may hold brackets."""
+    from rich.markup import escape
+
+    return escape(shown(label))
+
+
 def _rich_progress() -> Any:
     """Return a progress bar on stderr that is removed at its end."""
     from rich.console import Console
@@ -154,4 +263,4 @@ def _rich_progress() -> Any:
     from rich.progress import TimeRemainingColumn as Remaining
 
     columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), Remaining())
-    return Progress(*columns, console=Console(stderr=True), transient=True)
+    return Progress(*columns, console=Console(file=cast(IO[str], _Terminal())), transient=True)

@@ -38,12 +38,13 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from usdsplat.cli import edit_flags
+from usdsplat.cli import console, edit_flags
 from usdsplat.cli.convert_options import Options, check, switches
 from usdsplat.cli.edit_flags import edits_of
 from usdsplat.cli.reporting import Reporter
 from usdsplat.cli.values import time_code
 from usdsplat.core.errors import UsageError
+from usdsplat.core.text import shown
 from usdsplat.core.wording import counted
 
 if TYPE_CHECKING:
@@ -122,7 +123,7 @@ def run(options: Options, reporter: Reporter) -> int:
     if options.json:
         reporter.print_json(asdict(report))
     else:
-        print(_told(report))
+        console.say(_told(report))
     return 0
 
 
@@ -147,9 +148,9 @@ def _told(report: Report) -> str:
         samples, splats = counted(report.samples, "sample"), counted(report.splats, "splat")
         changed = f"{found}, {samples}, {splats}, now {report.form}"
         as_it_was = f"no field changed, all are {report.form}"
-        lines = [f"{report.target}: {changed if report.samples else as_it_was}"]
+        lines = [f"{shown(report.target)}: {changed if report.samples else as_it_was}"]
         return "\n".join([*lines, *(f"  note   {note}" for note in report.notes)])
-    lines = [f"{report.target}: {counted(report.splats, 'splat')}, degree {report.degree}"]
+    lines = [f"{shown(report.target)}: {counted(report.splats, 'splat')}, degree {report.degree}"]
     if isinstance(report, SequenceImportReport | SequenceExportReport):
         lines[0] += f", {counted(len(report.frames), 'frame')}"
     if isinstance(report, ImportReport):

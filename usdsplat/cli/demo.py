@@ -18,8 +18,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
+from usdsplat.cli import console
 from usdsplat.cli.arguments import option, positional
 from usdsplat.cli.reporting import Reporter, ReportingOptions
+from usdsplat.core.text import shown
 
 COMPILING = "compiling kernels, once for this machine; it takes a minute or two"
 
@@ -54,14 +56,14 @@ class Results:
         """Report one file."""
         self.told.append({"path": str(path), "text": text})
         if not self.is_json:
-            print(f"{path!s:<28} {text}", flush=True)
+            console.say(f"{shown(path):<28} {text}")
 
     def finish(self, advice: str, reporter: Reporter) -> None:
         """Print the advice, or the JSON list of files."""
         if self.is_json:
             reporter.print_json({"files": self.told})
         else:
-            print(advice)
+            console.say(advice)
 
 
 def run(options: Options, reporter: Reporter) -> int:

@@ -20,11 +20,13 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+from usdsplat.cli import console
 from usdsplat.cli.arguments import option, positional
 from usdsplat.cli.reporting import Reporter, ReportingOptions
 from usdsplat.cli.stage_options import StageOptions
 from usdsplat.cli.values import time_code
 from usdsplat.core.errors import UsageError
+from usdsplat.core.text import shown
 
 if TYPE_CHECKING:
     from usdsplat.products.report import Report
@@ -65,7 +67,7 @@ def run(options: Options, reporter: Reporter) -> int:
     if options.json:
         reporter.print_json(described)
     else:
-        print("\n".join(_lines(described, "")))
+        console.say("\n".join(_lines(described, "")))
     return 0
 
 
@@ -115,7 +117,7 @@ def _draw(
 
     assert options.plot is not None  # checked by the callers
     with on_compile(reporter.announce_compilation()):
-        page = make(options.file.name, _lines(described, ""))
+        page = make(shown(options.file.name), _lines(described, ""))
     report.write(page, options.plot)
 
 
@@ -130,7 +132,7 @@ def _lines(value: dict[str, Any], indent: str) -> list[str]:
             for entry in item:
                 lines += [f"{indent}{name}", *_lines(entry, indent + "  ")]
         elif isinstance(item, list) and isinstance(item[0], str):
-            lines += [f"{indent}{name:<18} {entry}" for entry in item]
+            lines += [f"{indent}{name:<18} {shown(entry)}" for entry in item]
         elif isinstance(item, dict) and any(isinstance(v, str) for v in item.values()):
             lines += [f"{indent}{name}", *_lines(item, indent + "  ")]
         else:
@@ -146,4 +148,4 @@ def _text(item: Any) -> str:
         return " ".join(f"({_text(e)})" if isinstance(e, list) else _text(e) for e in item)
     if isinstance(item, bool):
         return "yes"
-    return f"{item:.6g}" if isinstance(item, float) else str(item)
+    return f"{item:.6g}" if isinstance(item, float) else shown(item)

@@ -11,13 +11,14 @@ from __future__ import annotations
 
 import importlib
 import logging
-import os
 import sys
 from collections.abc import Sequence
 from typing import Any
 
 from usdsplat import __version__
+from usdsplat.cli import console, failures
 from usdsplat.cli.flag_names import as_typed
+from usdsplat.core import interrupt
 from usdsplat.core.errors import BackendError, UsageError, UsdSplatError
 
 COMMANDS = {
@@ -54,8 +55,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     Returns:
         Exit status: 0 for success, 1 if `validate` found errors or a strict command has findings,
-        2 for an error that is explained in one line on stderr, 130 after Ctrl-C. Any other
-        exception is a bug and keeps its traceback.
+        2 for an error that is explained in one line on stderr, 3 for an unforeseen one, whose
+        traceback is in a file that the line names, 130 after Ctrl-C, 141 if the reader of stdout
+        has closed it, and 128 + the signal's number after another signal.
     """
     log = logging.getLogger(
         "usdsplat"
@@ -66,37 +68,31 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         status = _run(arguments)
         _say_what_is_not_kept()
-        sys.stdout.flush()  # here, where a closed pipe is still handled
+        if status != 128 + interrupt.received():
+            interrupt.check()  # its exception may have been lost, see `core.interrupt`
         return status
-    except KeyboardInterrupt:
-        return _complain("interrupted", 130)
-    except BrokenPipeError:
-        # The reader has closed the pipe; the buffered rest must not raise at exit.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 141
+    except KeyboardInterrupt as error:
+        return failures.interrupted(error)
     except UsdSplatError as error:
         is_ours = isinstance(error, (UsageError, BackendError)) or error.where.startswith("render ")
         where = as_typed(error.where, _flags_of(arguments)) if is_ours else error.where
-        return _complain(f"{where}: found {error.found}, expected {error.expected}", 2)
-    except OSError as error:
-        if error.filename is None:  # an error of stdout, which has no file name
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        found = (error.strerror or str(error)).lower()
-        place = error.filename or "standard output"
-        return _complain(f"{place}: found {found}, expected a place to read or write", 2)
+        console.complain(f"{where}: found {error.found}, expected {error.expected}")
+        return 2
+    except Exception as error:
+        return failures.explain(error, arguments)
 
 
 def _run(arguments: list[str]) -> int:
     """Run the command without handling errors, see `main`."""
     if not arguments:
-        print(OVERVIEW, file=sys.stderr)
+        console.tell(OVERVIEW)
         return 2
     name, *rest = arguments
     if name in ("-h", "--help", "help"):
-        print(OVERVIEW)
+        console.say(OVERVIEW)
         return 0
     if name == "--version":
-        print(f"usdsplat {__version__}")
+        console.say(f"usdsplat {__version__}")
         return 0
     if name not in COMMANDS:
         raise UsageError("command", repr(name), f"one of {', '.join(COMMANDS)}")
@@ -133,9 +129,4 @@ def _say_what_is_not_kept() -> None:
     store = sys.modules.get("usdsplat.kernels.store")
     if store is not None and store.refusal():
         expected = "expected a folder that can be written"
-        print(f"usdsplat: compiled kernels: found {store.refusal()}, {expected}", file=sys.stderr)
-
-
-def _complain(message: str, status: int) -> int:
-    print(f"usdsplat: {message}", file=sys.stderr)
-    return status
+        console.remark(f"compiled kernels: found {store.refusal()}, {expected}")

@@ -23,11 +23,13 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+from usdsplat.cli import console
 from usdsplat.cli.arguments import option, positional
 from usdsplat.cli.reporting import Reporter, ReportingOptions
 from usdsplat.cli.stage_options import StageOptions
 from usdsplat.cli.values import resolution_of, time_code
 from usdsplat.core.errors import UsageError
+from usdsplat.core.text import shown
 from usdsplat.core.wording import counted
 
 if TYPE_CHECKING:
@@ -113,7 +115,7 @@ def run(options: Options, reporter: Reporter) -> int:
     if options.json:
         reporter.print_json(asdict(report))
     else:
-        print(_told(report))
+        console.say(_told(report))
     return 0
 
 
@@ -149,7 +151,7 @@ def _told(report: MatchReport) -> str:
     plate = f"{report.reference_space}, {_SOURCES[report.reference_space_source]}"
     samples = f"{report.used} of {report.samples} {report.kind}"
     lines = [
-        f"{report.target}: {counted(len(report.prim_paths), 'field')} graded by {samples}",
+        f"{shown(report.target)}: {counted(len(report.prim_paths), 'field')} graded by {samples}",
         *(f"  prim         {path}" for path in report.prim_paths),
         *([f"  plate        {plate}"] if report.reference_space else []),
         f"  exposure     {report.exposure:+.3f} stops",

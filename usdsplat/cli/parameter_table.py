@@ -8,6 +8,7 @@ import shutil
 import textwrap
 from typing import Any
 
+from usdsplat.cli import console
 from usdsplat.core.knobs import Knob, knobs
 from usdsplat.sim.parameters import GROUPS, INSTANCED, camel
 from usdsplat.sim.schema_source import MULTIPLE, SIMULATION, SINGLE, spelled
@@ -33,14 +34,14 @@ def show() -> None:
     """Print the table to stdout by groups: for each parameter a line with its values, then its
     meaning."""
     width = max(min(shutil.get_terminal_size((100, 24)).columns, 120), 60)
-    print(f"{'PARAMETER':<30} {'TYPE':<11} {'DEFAULT':<12} RANGE")
+    console.say(f"{'PARAMETER':<30} {'TYPE':<11} {'DEFAULT':<12} RANGE")
     for group, cls in {**GROUPS, **INSTANCED}.items():
         title = " ".join((inspect.getdoc(cls) or "").split())
         (schema,) = (each.name for each in (SIMULATION, *SINGLE, *MULTIPLE) if group in each.groups)
-        print("\n" + textwrap.fill(f"{group.upper()}, of {schema}: {title}", width))
+        console.say("\n" + textwrap.fill(f"{group.upper()}, of {schema}: {title}", width))
         for row in _rows(group):
             _show(row, width)
-    print(
+    console.say(
         "\nU: uniform, the same at all times; other parameters may be animated. On the stage, a "
         "parameter is\nthe attribute splatSim:PARAMETER of the SplatSim prim, or of the affector."
     )
@@ -95,8 +96,8 @@ def _show(row: dict[str, Any], width: int) -> None:
     is_rel = row["type"] == "rel"
     kind = row["type"] + (" U" if row["uniform"] and not is_rel else "")
     default = "" if is_rel else _shown(row["default"])
-    print(f"{row['name']:<30} {kind:<11} {default:<12} {numbers}".rstrip())
-    print(textwrap.fill(row["text"], width, initial_indent="    ", subsequent_indent="    "))
+    console.say(f"{row['name']:<30} {kind:<11} {default:<12} {numbers}".rstrip())
+    console.say(textwrap.fill(row["text"], width, initial_indent="    ", subsequent_indent="    "))
 
 
 def _plain(value: Any) -> Any:

@@ -5,12 +5,12 @@ from __future__ import annotations
 import argparse
 import difflib
 import inspect
-import sys
 from collections.abc import Sequence
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn, TypeVar, get_type_hints
 
+from usdsplat.cli import console
 from usdsplat.cli.arguments import Argument, arguments_of
 
 if TYPE_CHECKING:
@@ -19,6 +19,10 @@ if TYPE_CHECKING:
 T = TypeVar("T", bound="DataclassInstance")
 
 _KINDS = {float: "a number", int: "a whole number"}
+LARGEST = 2**31 - 1
+"""Largest whole number that a flag takes; C++ libraries hold 32 bits."""
+NARROWEST = 40
+"""Least width of help [character]; argparse may not end on a narrower terminal."""
 _METAVARS = {float: "FLOAT", int: "INT", str: "TEXT", Path: "PATH"}
 
 
@@ -30,11 +34,20 @@ class _Mistake(Exception):
         self.found, self.expected = found, expected
 
 
+class _Formatter(argparse.RawDescriptionHelpFormatter):
+    """Formatter of help that no terminal makes narrower than `NARROWEST`."""
+
+    def __init__(self, *args: Any, **options: Any) -> None:
+        super().__init__(*args, **options)
+        self._width = max(self._width, NARROWEST)
+        self._max_help_position = min(self._max_help_position, self._width - 20)
+
+
 class _Parser(argparse.ArgumentParser):
     """argparse parser that raises errors, which `parse` explains."""
 
     def print_help(self, file: Any = None) -> None:
-        print(self.format_help(), end="", file=file)  # argparse would swallow a closed pipe
+        console.say(self.format_help(), end="")  # argparse would swallow a closed pipe
 
     def error(self, message: str) -> NoReturn:
         raise _Mistake(repr(message), "other arguments")
@@ -80,7 +93,7 @@ def parse(options: type[T], command: str, text: str, arguments: Sequence[str]) -
     except _Mistake as error:
         mistake = error
     sentence = f"{command}: found {mistake.found}, expected {mistake.expected}"
-    print(f"usdsplat: {sentence}; see 'usdsplat {command} --help'", file=sys.stderr)
+    console.complain(f"{sentence}; see 'usdsplat {command} --help'")
     return 2
 
 
@@ -93,7 +106,7 @@ def _parser(
         prog=f"usdsplat {command}",
         usage=f"usdsplat {command} [-h] [OPTIONS] {places}".rstrip(),
         description=text.strip(),
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        formatter_class=_Formatter,
         allow_abbrev=False,
         exit_on_error=False,
         argument_default=argparse.SUPPRESS,
@@ -191,7 +204,10 @@ def _converted(argument: Argument, value: Any) -> Any:
     if argument.is_many:
         return tuple(argument.kind(each) for each in value)
     try:
-        return argument.kind(value)
+        converted = argument.kind(value)
+        if isinstance(converted, int) and abs(converted) > LARGEST:
+            raise _Mistake(f"{argument.flag} {value!r}", f"a whole number of at most {LARGEST}")
+        return converted
     except ValueError:
         expected = _KINDS.get(argument.kind, "another value")
         raise _Mistake(f"{argument.flag} {value!r}", expected) from None

@@ -24,6 +24,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
+from usdsplat.cli import console
 from usdsplat.cli.arguments import option
 from usdsplat.cli.reporting import Reporter, ReportingOptions
 
@@ -52,7 +53,7 @@ def run(options: Options, _: Reporter) -> int:
     if options.validators:
         folders.append(validators_folder())
     value = os.pathsep.join(map(str, folders))
-    print(_line(value) if options.export else value)
+    console.say_path(_line(value) if options.export else value)
     return 0
 
 

@@ -7,8 +7,9 @@ choice of compression, `--deep-compression`.
 from __future__ import annotations
 
 import re
-import sys
 from collections.abc import Sequence
+
+from usdsplat.cli import console
 
 _AXES = re.compile(r"[lrudfb]{3}", re.IGNORECASE)
 
@@ -23,7 +24,7 @@ def renamed(words: Sequence[str]) -> list[str]:
         following = value if joined else (rest[0] if rest else "")
         new = _name(flag, following)
         if new != flag:
-            print(f"usdsplat: {flag} {following} is now {new} {following}", file=sys.stderr)
+            console.remark(f"{flag} {following} is now {new} {following}")
         out.append(f"{new}={value}" if joined else new)
     return out
 

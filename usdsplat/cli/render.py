@@ -34,6 +34,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from usdsplat import images
+from usdsplat.cli import console
 from usdsplat.cli.arguments import given, option, positional
 from usdsplat.cli.render_options import (
     ColorFlags,
@@ -143,7 +144,7 @@ def run(options: Options, reporter: Reporter) -> int:
             ):
                 report.append(drawn)
                 if not options.json:
-                    print(drawn.path, flush=True)
+                    console.say_path(drawn.path)
     if not report:
         reporter.remark("nothing to do: every file exists already")
     if options.json:

@@ -111,7 +111,7 @@ def _make(options: Options, preset: str, reporter: Reporter) -> int:
         reporter.print_json({"files": [str(path) for path in files]})
         return 0
     for path in files:
-        print(path)
+        console.say_path(path)
     reporter.remark(
         f"next: usdsplat simulate {target} -o {target.with_stem(target.stem + '_bake')}"
     )
@@ -151,7 +151,7 @@ def _bake(options: Options, source: Path, target: Path, reporter: Reporter) -> i
     if options.json:
         reporter.print_json(report.as_dict())
     else:
-        print(target)
+        console.say_path(target)
         reporter.remark(report.sentence())
     return 0
 

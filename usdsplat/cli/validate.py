@@ -31,6 +31,7 @@ from usdsplat.cli.values import time_code
 from usdsplat.core.errors import UsdSplatError
 from usdsplat.core.findings import Finding, Findings, from_error
 from usdsplat.core.progress import Progress
+from usdsplat.core.text import shown
 from usdsplat.core.wording import counted
 
 
@@ -65,7 +66,7 @@ def run(options: Options, reporter: Reporter) -> int:
         found = [asdict(each) for each in everything]
         console.print_json({"findings": found, "looked_at": dict(total)})
     elif len(options.stages) > 1:
-        print(f"{counted(len(options.stages), 'file')}: {_amounts(everything)}")
+        console.say(f"{counted(len(options.stages), 'file')}: {_amounts(everything)}")
     is_failure = everything.is_strict and everything.is_failure
     return 1 if is_failure or everything.count("error") else 0
 
@@ -105,12 +106,12 @@ def _checked(path: Path, options: Options, progress: Progress) -> tuple[Findings
 def _show(path: Path, findings: Findings, looked_at: Counter[str], reporter: Reporter) -> None:
     """Print the findings on a stage, and how much was checked."""
     for each in filter(reporter.is_shown, findings):
-        print(f"{each.told}\n  cure: {each.cure}")
+        console.say(f"{shown(each.told)}\n  cure: {shown(each.cure)}")
         if each.rule:
-            print(f"  rule: {each.rule} of NVIDIA's validator for splats")
+            console.say(f"  rule: {each.rule} of NVIDIA's validator for splats")
     listed = [counted(number, kind[:-1]) for kind, number in looked_at.items() if number]
     end = f"; looked at {', '.join(listed)}" if listed else ""
-    print(f"{path}: {_amounts(findings)}{end}")
+    console.say(f"{shown(path)}: {_amounts(findings)}{end}")
 
 
 def _amounts(findings: Findings) -> str:

@@ -25,20 +25,23 @@ from __future__ import annotations
 
 import os
 import sys
-import tempfile
 import webbrowser
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from functools import partial
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+from usdsplat.cli import console
 from usdsplat.cli.arguments import option, positional
 from usdsplat.cli.reporting import Reporter, ReportingOptions
 from usdsplat.cli.stage_options import StageOptions
 from usdsplat.cli.values import time_code
+from usdsplat.core import interrupt
 from usdsplat.core.errors import BackendError, StageError, UnknownFormatError, UsageError
+from usdsplat.core.scratch import scratch_folder
 
 if TYPE_CHECKING:
     from usdsplat.preview.document import Document
@@ -46,8 +49,6 @@ if TYPE_CHECKING:
 LOOPBACK = "127.0.0.1"
 SCREENS = ("DISPLAY", "WAYLAND_DISPLAY", "QT_QPA_PLATFORM")
 """Environment variables of which Qt on Linux needs at least one to show a window."""
-INTERRUPTED = 130
-"""Exit status of shells after Ctrl-C."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -100,7 +101,10 @@ def run(options: Options, reporter: Reporter) -> int:
         if reporter.findings.is_strict and is_usd(path):
             _check_stage(path, options, reporter)
         if options.browser.web:
-            return _serve(_opener(path, options), options)
+            try:
+                return _serve(_opener(path, options), options)
+            except KeyboardInterrupt as error:  # the usual end of a server
+                return interrupt.status(error)
     _check_window()
     from usdsplat.preview.qt.app import run as run_window
 
@@ -135,21 +139,22 @@ def _opener(path: Path, options: Options) -> Callable[..., Document]:
 
 
 def _serve(open_document: Callable[..., Document], options: Options) -> int:
-    """Serve the page until Ctrl-C."""
+    """Serve the page until Ctrl-C, or another signal that ends a process."""
     from usdsplat.preview.session import Session
     from usdsplat.preview.web.server import serve
 
     web = options.browser
-
-    session = Session(lambda publish: open_document(publish=publish))
-    folder = tempfile.TemporaryDirectory(prefix="usdsplat-")  # only the user can read it
+    folder: Path
 
     def ready(url: str) -> None:
-        print(url, flush=True)
+        console.say(url)
         if not web.no_open:
-            webbrowser.open(_way_to(url, Path(folder.name)).as_uri())
+            webbrowser.open(_way_to(url, folder).as_uri())
 
-    try:
+    with ExitStack() as stack:
+        session = Session(lambda publish: open_document(publish=publish))
+        stack.callback(session.close)
+        folder = stack.enter_context(scratch_folder())
         server = serve(
             session,
             host=web.host,
@@ -159,15 +164,8 @@ def _serve(open_document: Callable[..., Document], options: Options) -> int:
             time=options.frame,
             ready=ready,
         )
-        try:
-            server.wait()
-        finally:
-            server.close()
-    except KeyboardInterrupt:
-        return INTERRUPTED
-    finally:
-        folder.cleanup()
-        session.close()
+        stack.callback(server.close)
+        server.wait()
     return 0
 
 

@@ -1,18 +1,21 @@
 """Exceptions of usdsplat: one root class, and one class for each way to fix the problem.
 
-Every message is one sentence: *where: found X, expected Y*. Each class also derives from the
-built-in exception that a Python programmer would catch. The command line prints the message on
-stderr and exits with status 2. Any other exception that escapes is a bug and keeps its traceback.
+Every message is one sentence on one line: *where: found X, expected Y*. Each class also derives
+from the built-in exception that a Python programmer would catch. The command line prints the
+message on stderr and exits with status 2. Any other exception that escapes is a bug; the command
+line writes its traceback to a file, and exits with status 3.
 """
 
 from __future__ import annotations
+
+from usdsplat.core.text import shown
 
 
 class UsdSplatError(Exception):
     """Base class of all usdsplat exceptions."""
 
     def __init__(self, where: str, found: str, expected: str) -> None:
-        super().__init__(f"{where}: found {found}, expected {expected}")
+        super().__init__(shown(f"{where}: found {found}, expected {expected}"))
         self.where = where
         self.found = found
         self.expected = expected

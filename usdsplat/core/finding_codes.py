@@ -160,6 +160,12 @@ CODES: dict[str, Code] = {
         "name an EXR for the other AOVs",
         "the others are left out",
     ),
+    "bad-window": Code(
+        "error",
+        "a data window is not finite",
+        "author finite numbers",
+        "the whole window is rendered",
+    ),
     "bad-product": Code(
         "error",
         "a RenderProduct cannot be drawn as authored",
@@ -309,6 +315,7 @@ CODES: dict[str, Code] = {
     ),
     "packed-count": Code("error", "packed arrays do not fit together", _REWRITE),
     "range": Code("error", "the value range of a packed field is invalid", _REWRITE),
+    "bad-up-axis": Code("error", "the stage's upAxis is neither Y nor Z", "author Y or Z"),
     "no-up-axis": Code("warning", "the stage has no upAxis", "author upAxis in the root layer"),
     "no-meters-per-unit": Code(
         "warning", "the stage has no metersPerUnit", "author metersPerUnit in the root layer"

@@ -26,6 +26,7 @@ from io import BufferedWriter
 from pathlib import Path
 from typing import Literal
 
+from usdsplat.core import interrupt
 from usdsplat.core.errors import OutputError, UsdSplatError
 from usdsplat.core.renames import EARLIER, EXPECTED, Move, put_in_place, sync
 
@@ -95,6 +96,7 @@ def output_file(
     Raises:
         OutputError: If the folder is missing or not writable, if `target` exists and is not a plain
             file, or if the file cannot be written completely.
+        Interrupted: If the process was asked to end, see `core.interrupt`.
     """
     final = Path(os.path.realpath(target))
     _check(target, final)
@@ -109,6 +111,7 @@ def output_file(
             sync(output.path)
         move = Move(output.target, output.path, final, output.path.parent)
         if group is None:
+            interrupt.check()
             put_in_place([move])
         else:
             group.moves.append(move)
@@ -165,6 +168,7 @@ class OutputGroup:
 
     def finish(self) -> None:
         """Put everything in place, or nothing."""
+        interrupt.check()
         put_in_place(self.moves)
         self._made.clear()
         for path in self._unneeded:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Protocol
 
+from usdsplat.core import interrupt
+
 
 class Progress(Protocol):
     """A receiver of progress: a progress bar, a log or a panel."""
@@ -15,15 +17,18 @@ class Progress(Protocol):
             label: The task in a few words; a new label starts a new task.
             done: Units finished [0..total].
             total: Number of units; 0 if unknown.
+
+        Raises:
+            Interrupted: If the process was asked to end, see `core.interrupt`.
         """
 
 
 class _Silent:
-    """A receiver that does nothing."""
+    """A receiver that shows nothing."""
 
     def step(self, label: str, done: int, total: int) -> None:
-        pass
+        interrupt.check()
 
 
 silent: Progress = _Silent()
-"""The default receiver, which does nothing."""
+"""The default receiver, which shows nothing."""

@@ -15,6 +15,7 @@ import OpenImageIO as oiio
 
 from usdsplat.core.cloud import F32
 from usdsplat.core.errors import FormatError, UsageError
+from usdsplat.core.readable import readable
 from usdsplat.images.deep_reader import I64, DeepFile
 
 DEPTHS = ("Z", "depth.Z", "depth")
@@ -64,7 +65,7 @@ def open_holdout(path: Path | str, *, resolution: tuple[int, int]) -> Holdout:
     where = str(path)
     if not Path(path).is_file():
         raise UsageError(where, "no such file", "an EXR with depth")
-    file = oiio.ImageInput.open(where)
+    file = oiio.ImageInput.open(readable(where))
     if file is None:
         found = oiio.geterror().replace(where, Path(path).name).strip().rstrip(".")
         raise FormatError(where, found or "no picture", "an EXR with depth")
@@ -148,7 +149,7 @@ class _Flat(Holdout):
 
     def _planes(self, top: int, bottom: int) -> tuple[F32, F32]:
         """Read depth, inf where nothing is, and opacity of whole rows."""
-        file = oiio.ImageInput.open(self._where)
+        file = oiio.ImageInput.open(readable(self._where))
         if file is None:
             raise FormatError(
                 self._where, oiio.geterror(), "the file that was readable when rendering began"

@@ -7,6 +7,7 @@ import os
 import platform
 from fractions import Fraction
 
+from usdsplat.core.text import shown
 from usdsplat.images.layout import Entry, Metadata
 from usdsplat.images.timecode import Timecode, exact_rate, timecode_of
 
@@ -21,7 +22,7 @@ def picture_metadata(*, stage: str, frame: float, samples: int, exposure: float)
         exposure: Factor of the camera on linear light.
     """
     return {
-        "usdsplat:stage": stage,
+        "usdsplat:stage": shown(stage),
         "usdsplat:frame": float(frame),
         "usdsplat:samples": samples,
         "usdsplat:exposure": float(exposure),

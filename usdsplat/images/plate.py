@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from usdsplat.core.cloud import F32
 from usdsplat.core.errors import FormatError
+from usdsplat.core.readable import readable
 from usdsplat.images.color import COLOR_SPACES, convert
 
 CLIPPED = 0.98
@@ -62,7 +63,7 @@ def read_plate(path: Path, *, space: str | None = None) -> Plate:
 
     if not path.is_file():
         raise FormatError(str(path), "no such file", "a picture")
-    buffer = oiio.ImageBuf(str(path))
+    buffer = oiio.ImageBuf(readable(path))
     spec = buffer.spec()
     if buffer.has_error or not spec.nchannels:
         problem = " ".join((buffer.geterror() or "nothing to read").split())

@@ -7,7 +7,6 @@ smaller at the right and lower edge.
 
 from __future__ import annotations
 
-import tempfile
 from pathlib import Path
 from typing import Any, Literal
 
@@ -17,6 +16,8 @@ import OpenImageIO as oiio
 
 from usdsplat.core.cloud import F32
 from usdsplat.core.errors import FormatError
+from usdsplat.core.readable import readable
+from usdsplat.core.scratch import scratch_folder
 from usdsplat.images.color import convert
 
 LARGEST = 4096
@@ -59,8 +60,8 @@ def read_packed_texture(data: bytes, name: str, *, encoding: Encoding = "auto") 
         FormatError: If it cannot be read as a picture.
     """
     # OpenImageIO's Python interface reads from files only.
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / f"texture{Path(name).suffix}"
+    with scratch_folder() as folder:
+        path = folder / f"texture{Path(name).suffix}"
         path.write_bytes(data)
         try:
             return read_texture(path, encoding=encoding)
@@ -70,7 +71,7 @@ def read_packed_texture(data: bytes, name: str, *, encoding: Encoding = "auto") 
 
 def _read(path: str) -> npt.NDArray[Any]:
     """Read all channels in the file's own type, shape (h, w, c)."""
-    file = oiio.ImageInput.open(path)
+    file = oiio.ImageInput.open(readable(path))
     if file is None:
         raise FormatError(path, _reason(), "a picture")
     try:

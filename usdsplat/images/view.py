@@ -21,6 +21,7 @@ import numpy.typing as npt
 
 from usdsplat.core.cloud import F32
 from usdsplat.core.errors import UsageError
+from usdsplat.core.readable import readable
 from usdsplat.images.color import convert
 
 BUILT_IN = "ocio://default"
@@ -180,7 +181,7 @@ def open_view(
         return ViewTransform(working_space=working_space)
     import OpenImageIO as oiio
 
-    name = config or os.environ.get("OCIO") or BUILT_IN
+    name = readable(config or os.environ.get("OCIO") or BUILT_IN)
     known = oiio.ColorConfig(name)
     if problem := known.geterror() or oiio.geterror():
         expected = f"a file or an ocio:// name that OCIO can read ({problem.splitlines()[0]})"

@@ -13,6 +13,7 @@ from usdsplat.core import edit
 from usdsplat.core.cloud import F64, SplatCloud
 from usdsplat.core.errors import StageError
 from usdsplat.interchange.placement import checked_path
+from usdsplat.schema.stage_values import local_to_ancestor, local_to_world
 
 MOST_SPLATS = 1 << 28
 """Maximum number of splats of an export: more would take 60 GB and are assumed to be a mistake."""
@@ -91,7 +92,10 @@ def appearances(
             prims.PruneChildren()
         elif schema.is_splat_field(prim):
             if _is_visible(prim, time):
-                found.append(_once(prim, places))
+                try:
+                    found.append(_once(prim, places))
+                except StageError as error:
+                    notes.append(f"left out: {error}")
             else:
                 notes.append(f"{prim.GetPath()}: left out, it is not shown in renders")
     if not found:
@@ -106,8 +110,12 @@ def code(time: float | None) -> Usd.TimeCode:
 
 
 def _once(prim: Usd.Prim, places: UsdGeom.XformCache) -> Appearance:
-    """Return a field that appears once, with its own transform."""
-    return Appearance(prim=prim, to_world=_columns(places.GetLocalToWorldTransform(prim))[None])
+    """Return a field that appears once, with its own transform.
+
+    Raises:
+        StageError: If USD does not know one of its transform ops.
+    """
+    return Appearance(prim=prim, to_world=_columns(local_to_world(prim, places))[None])
 
 
 def _instances(
@@ -123,7 +131,11 @@ def _instances(
         notes.append(f"{path}: left out, it is not shown in renders")
         return
     to_instancer, kinds = _shown(instancer, time)
-    to_world = _columns(places.GetLocalToWorldTransform(instancer.GetPrim()))
+    try:
+        to_world = _columns(local_to_world(instancer.GetPrim(), places))
+    except StageError as error:
+        notes.append(f"left out: {error}")
+        return
     stage = instancer.GetPrim().GetStage()
     for kind, target in enumerate(instancer.GetPrototypesRel().GetForwardedTargets()):
         prototype = stage.GetPrimAtPath(target)
@@ -135,7 +147,11 @@ def _instances(
             if prim.IsA(UsdGeom.PointInstancer):
                 notes.append(f"{prim.GetPath()}: point instances of instances are not exported")
             elif schema.is_splat_field(prim) and _is_visible(prim, time, prototype):
-                inner, _ = places.ComputeRelativeTransform(prim, prototype)
+                try:
+                    inner = local_to_ancestor(prim, prototype, places)
+                except StageError as error:
+                    notes.append(f"left out: {error}")
+                    continue
                 yield Appearance(prim=prim, to_world=here @ _columns(inner))
 
 

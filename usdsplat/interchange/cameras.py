@@ -14,7 +14,7 @@ from pxr import Gf, Sdf, Usd, UsdGeom
 
 from usdsplat import schema
 from usdsplat.core.cloud import F64
-from usdsplat.core.errors import StageError, UsageError
+from usdsplat.core.errors import FormatError, StageError, UsageError
 from usdsplat.core.progress import Progress, silent
 from usdsplat.core.wording import counted
 from usdsplat.formats import cameras
@@ -80,7 +80,7 @@ def import_cameras(
         progress: Receives the progress of reading and authoring.
 
     Raises:
-        FormatError: If the source is invalid.
+        FormatError: If the source is invalid, or single precision cannot hold a camera.
         UsageError: If `frame` or `edited` mirrors or shears, which a camera cannot.
         StageError: If the field's own transform mirrors or shears.
     """
@@ -92,11 +92,14 @@ def import_cameras(
     splats = _centres(field)
     names = _names([camera.name for camera in found.cameras])
     paths = [group.AppendChild(name) for name in names]
+    poses = [carried(camera.to_capture, matrix) for camera in found.cameras]
+    ranges = [_clipping_range(pose, splats) for pose in poses]
+    for camera, pose, clipping in zip(found.cameras, poses, ranges, strict=True):
+        _check_finite(f"{source}: {camera.name[:80]}", camera.lens, pose, clipping)
     for done, (camera, path) in enumerate(zip(found.cameras, paths, strict=True)):
         if done % _STEP == 0:
             progress.step("authoring cameras", done, len(paths))
-        pose = carried(camera.to_capture, matrix)
-        _author(stage, path, camera, pose, _clipping_range(pose, splats))
+        _author(stage, path, camera, poses[done], ranges[done])
     progress.step("authoring cameras", len(paths), len(paths))
     notes = (*found.notes, *_about_lenses([camera.lens for camera in found.cameras]))
     return CameraReport(
@@ -130,6 +133,23 @@ def _check(matrix: F64, error: Exception) -> None:
         carried(np.eye(4), matrix)
     except ValueError:
         raise error from None
+
+
+def _check_finite(where: str, lens: Lens, pose: F64, clipping: tuple[float, float]) -> None:
+    """Raise an error for a camera with a number that USD's single precision cannot hold.
+
+    Raises:
+        FormatError: If there is one.
+    """
+    focal = lens.fx * APERTURE / lens.width
+    ratios = (lens.height / lens.fy, (lens.width / 2 - lens.cx) / lens.fx)
+    height = (lens.cy - lens.height / 2) / lens.fy
+    numbers = (focal, focal * ratios[0], focal * ratios[1], focal * height, *clipping)
+    with np.errstate(over="ignore"):
+        single = np.array([*numbers, *pose.ravel()], np.float64).astype(np.float32)
+    if not np.isfinite(single).all():
+        found = "numbers beyond the range of single precision"
+        raise FormatError(where, found, "a camera of the size of the capture")
 
 
 def _author(

@@ -11,6 +11,7 @@ from pxr import Sdf, Tf, Usd
 import usdsplat.schema  # noqa: F401 - our types must be known before the first stage is opened
 from usdsplat import formats
 from usdsplat.core.errors import OutputError, StageError, UnknownFormatError
+from usdsplat.core.readable import readable
 from usdsplat.schema.usd_files import export_layer, sentence
 
 SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
@@ -50,7 +51,7 @@ def open_layer(path: Path, *, anonymous: bool = False) -> Sdf.Layer:
         raise StageError(str(path), "a capture", expected)
     found = ""
     try:
-        layer = (Sdf.Layer.OpenAsAnonymous if anonymous else Sdf.Layer.FindOrOpen)(str(path))
+        layer = (Sdf.Layer.OpenAsAnonymous if anonymous else Sdf.Layer.FindOrOpen)(readable(path))
     except Tf.ErrorException as error:
         layer, found = None, sentence(error)
     if not layer:

@@ -31,7 +31,7 @@ from usdsplat.interchange.options import IMPORT, ImportOptions
 from usdsplat.interchange.placement import field_path, placement
 from usdsplat.interchange.provenance import Provenance, fingerprint, provenance, record
 from usdsplat.interchange.reports import ImportReport
-from usdsplat.schema import Form
+from usdsplat.schema import Form, stage_values
 
 
 def import_capture(
@@ -110,7 +110,7 @@ def _open_target(
 ) -> tuple[Usd.Stage, Path | None]:
     """Return the stage to write, and the file to save it to if it is new."""
     if isinstance(target, Usd.Stage):
-        own = UsdGeom.GetStageUpAxis(target)
+        own = stage_values.up_axis(target)
         if up_axis not in (None, own):
             raise UsageError("up_axis", repr(up_axis), f"{own}, which the stage has")
         return target, None

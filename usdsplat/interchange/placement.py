@@ -14,7 +14,9 @@ from usdsplat import formats, schema
 from usdsplat.core import axes
 from usdsplat.core.cloud import F64
 from usdsplat.core.errors import StageError, UsageError
+from usdsplat.core.text import shown
 from usdsplat.interchange.models import FIELD
+from usdsplat.schema.stage_values import up_axis
 
 _SUFFIX = "axes"
 OP = f"xformOp:transform:{_SUFFIX}"
@@ -61,7 +63,7 @@ def placement(stage: Usd.Stage, frame: str, meters_per_unit: float | None) -> Pl
 
 def stage_frame(stage: Usd.Stage) -> str:
     """Return the axes of a stage."""
-    return axes.UP_AXIS_FRAME[str(UsdGeom.GetStageUpAxis(stage))]
+    return axes.UP_AXIS_FRAME[up_axis(stage)]
 
 
 def checked_unit(meters_per_unit: float) -> float:
@@ -137,7 +139,7 @@ def identifier(text: str) -> str:
 
     USD's own function would replace the digit by `_`: 0001 and 1001 would be equal.
     """
-    letters = unicodedata.normalize("NFKD", text)
+    letters = unicodedata.normalize("NFKD", shown(text))
     plain = "".join(letter for letter in letters if not unicodedata.combining(letter))
     return str(Tf.MakeValidIdentifier(f"_{plain}" if plain[:1].isdecimal() else plain))
 

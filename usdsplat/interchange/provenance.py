@@ -11,6 +11,7 @@ from pxr import Usd, Vt
 
 from usdsplat import __version__, schema
 from usdsplat.core.edits import Edit
+from usdsplat.core.text import shown
 from usdsplat.formats import Capture
 from usdsplat.interchange.editing import UNBOUNDED, bounds_after
 from usdsplat.schema import Form
@@ -80,8 +81,9 @@ def record(prim: Usd.Prim, memory: Provenance) -> None:
     """Write the record to customData[KEY] of a field."""
     entry = {name: value for name, value in asdict(memory).items() if value is not None}
     entry["error_bounds"] = dict(memory.error_bounds)
+    entry["source"] = shown(memory.source)
     for name in ("edits", "notes"):
-        entry[name] = Vt.StringArray(list(entry[name]))
+        entry[name] = Vt.StringArray([shown(text) for text in entry[name]])
     prim.SetCustomDataByKey(KEY, entry)
 
 

@@ -18,6 +18,7 @@ from usdsplat.core.errors import OutputError, UsageError
 from usdsplat.core.output import OutputFile
 from usdsplat.images.frame_numbers import frame_path
 from usdsplat.interchange.authoring import prepare
+from usdsplat.schema.stage_values import up_axis
 from usdsplat.schema.usd_files import new_layer, save_layer, usd_errors
 
 _TOPOLOGY = "topology.usda"
@@ -68,7 +69,7 @@ class Clips:
         )
         stage = Usd.Stage.Open(new_layer(path, self._output))
         unit = UsdGeom.GetStageMetersPerUnit(self._stage)
-        prepare(stage, UsdGeom.GetStageUpAxis(self._stage), unit)
+        prepare(stage, up_axis(self._stage), unit)
         stage.SetStartTimeCode(time)
         stage.SetEndTimeCode(time)
         stage.SetTimeCodesPerSecond(self._stage.GetTimeCodesPerSecond())

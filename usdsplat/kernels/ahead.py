@@ -12,8 +12,9 @@ import multiprocessing
 import os
 import signal
 import sys
+import threading
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -110,7 +111,7 @@ def compile_all(
         if not some:
             continue
         with _workers(device, len(some), jobs) as pool:
-            pending = {pool.submit(_problem_of, task): task for task in some}
+            pending = {_submit(pool, task): task for task in some}
             for future in as_completed(pending):
                 try:
                     problem = future.result()
@@ -143,7 +144,7 @@ def compiling(kernels: Sequence[tuple[str, str]], *, jobs: int | None = None) ->
         yield
         return
     with _workers("cpu", len(missing), jobs) as pool:
-        coming = {key: pool.submit(_problem_of, task) for key, task in missing.items()}
+        coming = {key: _submit(pool, task) for key, task in missing.items()}
         jit.COMING.update(coming)
         try:
             yield
@@ -200,13 +201,37 @@ def _workers(device: str, tasks: int, jobs: int | None) -> Iterator[ProcessPoolE
             process.terminate()
 
 
+def _submit(pool: ProcessPoolExecutor, task: Task) -> Future[str]:
+    """Submit a task, which may start a process.
+
+    The process inherits that SIGINT is blocked: after Ctrl-C in a terminal, it prints no traceback
+    even while it starts.
+    """
+    if not hasattr(signal, "pthread_sigmask"):
+        return pool.submit(_problem_of, task)
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        return pool.submit(_problem_of, task)
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
 def _begin(device: str, folder: str) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent process decides
+    threading.Thread(target=_end_with_parent, name="usdsplat parent", daemon=True).start()
     store.use(Path(folder))
     if device == "cpu":
         from usdsplat.kernels.unloaded import compile_only
 
         compile_only()
+
+
+def _end_with_parent() -> None:
+    """End this process when the parent has died, which it may before it can end this one."""
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+    parent.join()
+    os._exit(1)
 
 
 def _problem_of(task: Task) -> str:

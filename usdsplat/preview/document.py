@@ -14,6 +14,7 @@ from typing import Any
 
 from pxr import Sdf, Tf, Usd, UsdGeom
 
+from usdsplat.core.errors import StageError
 from usdsplat.delegate.default_camera import Box
 from usdsplat.delegate.engine import Engine
 from usdsplat.kernels.device import CpuDevice
@@ -25,6 +26,7 @@ from usdsplat.preview.scenes import Scenes
 from usdsplat.preview.sources import Sources
 from usdsplat.preview.stage_model.edits import Edits
 from usdsplat.preview.values import Event, Opened, StageChanged, ViewState
+from usdsplat.schema.stage_values import up_axis, world_bound
 from usdsplat.sim.stage.collections import find_simulations
 
 
@@ -65,7 +67,7 @@ class Document:
         self._scenes = Scenes(
             self.engine,
             lambda time: Engine(stage, device=device, threads=threads, time=time),
-            up_axis=_up_axis(stage),
+            up_axis=up_axis(stage),
         )
         self._thread = threading.get_ident()
         self._change: StageChanged | None = None
@@ -88,7 +90,7 @@ class Document:
                 start=stage.GetStartTimeCode() if has_range else 0.0,
                 end=stage.GetEndTimeCode() if has_range else 0.0,
                 rate=stage.GetTimeCodesPerSecond(),
-                up_axis=_up_axis(stage),
+                up_axis=up_axis(stage),
                 cameras=tuple(self.engine.cameras()),
                 has_simulation=bool(find_simulations(stage)),
             )
@@ -185,14 +187,12 @@ class Document:
         code = Usd.TimeCode.Default() if engine.time is None else Usd.TimeCode(engine.time)
         tokens = UsdGeom.Imageable.GetOrderedPurposeTokens()
         cache = UsdGeom.BBoxCache(code, tokens, useExtentsHint=True, ignoreVisibility=True)
-        bound = cache.ComputeWorldBound(prim)
+        try:
+            bound = world_bound(prim, cache)
+        except StageError:
+            return ()
         span = bound.GetRange()
         if span.IsEmpty():
             return ()
         points = (bound.GetMatrix().Transform(span.GetCorner(i)) for i in range(8))
         return tuple((point[0], point[1], point[2]) for point in points)
-
-
-def _up_axis(stage: Usd.Stage) -> Any:
-    """Return "Y" or "Z"."""
-    return str(UsdGeom.GetStageUpAxis(stage))

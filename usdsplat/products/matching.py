@@ -19,6 +19,7 @@ from usdsplat.core.cloud import F64
 from usdsplat.core.errors import FormatError, StageError, UsageError
 from usdsplat.core.findings import Finding, finding
 from usdsplat.core.grade import Grade
+from usdsplat.core.readable import check_referable
 from usdsplat.delegate.engine import Engine
 from usdsplat.images.color import convert
 from usdsplat.images.match import fit_grade, in_primaries
@@ -300,6 +301,7 @@ def _save(grades: Sdf.Layer, stage: Usd.Stage, target: Path) -> None:
     for key in ROOT_METADATA:
         if root.pseudoRoot.HasInfo(key):
             layer.pseudoRoot.SetInfo(key, root.pseudoRoot.GetInfo(key))
+    check_referable(root.realPath)
     path = os.path.relpath(root.realPath, os.path.realpath(target.parent))
     layer.subLayerPaths.append(Path(path).as_posix() if path[0] == "." else f"./{path}")
     save(layer, target)

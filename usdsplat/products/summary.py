@@ -17,6 +17,7 @@ from usdsplat.formats import Capture
 from usdsplat.interchange import provenance
 from usdsplat.interchange.axes_choice import choose_axes, with_axes
 from usdsplat.interchange.frame_guess import guess_frame
+from usdsplat.schema.stage_values import up_axis
 from usdsplat.schema.validation import splat_fields
 
 PERCENTILES = (1, 25, 50, 75, 99)
@@ -68,7 +69,6 @@ def of_stage(
         time: Time code at which fields are read; None for the default value, or the first sample.
         progress: Receives the progress by fields.
     """
-    up_axis = str(UsdGeom.GetStageUpAxis(stage))
     frames = [stage.GetStartTimeCode(), stage.GetEndTimeCode()]
     fields = list(splat_fields(stage))
     described = []
@@ -78,8 +78,8 @@ def of_stage(
     progress.step("reading fields", len(fields), len(fields))
     prims = list(stage.Traverse(Usd.TraverseInstanceProxies()))
     return {
-        "up_axis": up_axis,
-        "frame": UP_AXIS_FRAME[up_axis],
+        "up_axis": up_axis(stage),
+        "frame": UP_AXIS_FRAME[up_axis(stage)],
         "meters_per_unit": UsdGeom.GetStageMetersPerUnit(stage),
         "frames": frames if stage.HasAuthoredTimeCodeRange() else None,
         "frames_per_second": stage.GetTimeCodesPerSecond(),

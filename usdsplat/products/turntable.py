@@ -15,6 +15,7 @@ from usdsplat.delegate.engine import Engine
 from usdsplat.interchange.files import open_stage
 from usdsplat.render.scene import RenderScene, matrix
 from usdsplat.render.specs import CameraSpec
+from usdsplat.schema.stage_values import local_to_world
 from usdsplat.schema.usd_files import export_layer
 
 FOCAL_LENGTH = 50.0
@@ -81,7 +82,7 @@ def look_across(stage: Usd.Stage, path: str) -> None:
     moved = UsdGeom.Xformable(stage.GetPrimAtPath(path))
     times = moved.GetTimeSamples()
     first, last = (
-        moved.ComputeLocalToWorldTransform(time).ExtractTranslation()
+        local_to_world(moved.GetPrim(), UsdGeom.XformCache(time)).ExtractTranslation()
         for time in (times[0], times[-1])
     )
     view = UsdGeom.Camera(stage.GetPrimAtPath(CAMERA)).GetCamera(1).frustum.ComputeViewDirection()

@@ -10,6 +10,7 @@ from pxr import Gf, Usd, UsdGeom
 from usdsplat.core.errors import StageError
 from usdsplat.delegate.scene_delegate.placing import column_matrix
 from usdsplat.render.specs import CameraSpec, Matrix
+from usdsplat.schema.stage_values import local_to_world
 
 UNIT = 0.1
 """Unit of apertures, offsets and focal lengths: a tenth of a scene unit."""
@@ -26,13 +27,14 @@ def read_camera(prim: Usd.Prim, time: Usd.TimeCode, cache: UsdGeom.XformCache) -
             clipping range, an exposure that is not finite, or a singular transform.
     """
     where = str(prim.GetPath())
+    placed = local_to_world(prim, cache)  # first, because `GetCamera` computes it too
     lens = UsdGeom.Camera(prim).GetCamera(time)
     near, far = lens.clippingRange.min, lens.clippingRange.max
     if not near < far:
         raise StageError(where, f"clippingRange ({near:g}, {far:g})", "near less than far")
     return CameraSpec(
         path=where,
-        world_to_camera=_view(where, cache.GetLocalToWorldTransform(prim)),
+        world_to_camera=_view(where, placed),
         orthographic=lens.projection == Gf.Camera.Orthographic,
         window=_window(where, lens),
         clipping_range=(near, far),

@@ -8,10 +8,12 @@ import numpy as np
 from pxr import Usd, UsdGeom
 
 from usdsplat.core.cloud import F64
-from usdsplat.core.findings import Finding, finding
+from usdsplat.core.errors import StageError
+from usdsplat.core.findings import Finding, finding, from_error
 from usdsplat.delegate.scene_delegate.placing import column_matrix
 from usdsplat.delegate.scene_delegate.volumes import SHAPES, Crop, Volume
 from usdsplat.render.specs import CropShape, CropSpec, Matrix
+from usdsplat.schema.stage_values import local_to_world
 
 NOWHERE: Matrix = (0.0, 0.0, 0.0, 2.0) * 3 + (0.0, 0.0, 0.0, 1.0)
 """Matrix that maps the whole world to a point outside every canonical shape."""
@@ -29,23 +31,33 @@ def read_crop(
     """
     specs, findings = [], list(crop.findings)
     for volume in crop.volumes:
-        spec = _read_volume(volume, time, cache)
+        where = str(volume.prim.GetPath())
+        try:
+            spec = _read_volume(volume, time, cache)
+        except StageError as error:  # its place is unknown
+            findings.append(from_error("bad-transform", error))
+            shape = SHAPES[volume.prim.GetTypeName()]
+            specs.append(CropSpec(shape=shape, world_to_shape=NOWHERE, keeps=volume.keeps))
+            continue
         specs.append(spec)
         if spec.world_to_shape == NOWHERE:
-            where = str(volume.prim.GetPath())
-            findings.append(
-                finding("empty-crop", where, "an empty crop volume", "a volume with a size")
-            )
+            found, expected = "an empty crop volume", "a volume with a size"
+            findings.append(finding("empty-crop", where, found, expected))
     return tuple(specs), tuple(findings)
 
 
 def _read_volume(volume: Volume, time: Usd.TimeCode, cache: UsdGeom.XformCache) -> CropSpec:
+    """Return a volume; NOWHERE if it has no size.
+
+    Raises:
+        StageError: If USD does not know one of its transform ops.
+    """
     prim = volume.prim
     shape = SHAPES[prim.GetTypeName()]
     size, length = _size(prim, shape, time)
     world_to_shape = NOWHERE
     if all(0 < each < np.inf for each in size) and 0 <= length < np.inf:
-        placed = column_matrix(cache.GetLocalToWorldTransform(prim)) @ _turn(prim, time)
+        placed = column_matrix(local_to_world(prim, cache)) @ _turn(prim, time)
         world_to_shape = _inverse(placed @ np.diag([*size, 1.0]))
     return CropSpec(
         shape=shape,

@@ -40,8 +40,12 @@ from usdsplat.delegate.scene_delegate.unsupported import (
 from usdsplat.delegate.scene_delegate.variability import varying_bits
 from usdsplat.delegate.stage_info import StageInfo
 from usdsplat.render.specs import CameraSpec, CropSpec, FieldSpec, LightSpec, MeshSpec
+from usdsplat.schema.stage_values import up_axis, up_axis_problem
 
 T = TypeVar("T")
+
+_NOWHERE: F64 = np.full((4, 4), np.nan)
+"""Transform of an appearance that cannot be placed; it is not drawn."""
 
 LOG = logging.getLogger("usdsplat")
 """Logs each prim that is not drawn once, for Python users; commands print it too."""
@@ -100,13 +104,15 @@ class UsdSceneDelegate:
 
     @property
     def up_axis(self) -> str:
-        """The stage's upAxis, "Y" or "Z"."""
-        return str(UsdGeom.GetStageUpAxis(self.stage))
+        """The stage's upAxis, "Y" or "Z"; "Y" if it is neither."""
+        return up_axis(self.stage)
 
     @property
     def findings(self) -> tuple[Finding, ...]:
         """What the stage asks for and does not get at this time, by path."""
         found = list(self._population.findings)
+        if (wrong := up_axis_problem(self.stage)) is not None:
+            found.append(from_error("bad-up-axis", wrong))
         for (path, kind), why in self.problems.items():
             if self._is_of_interest(path, kind):
                 found.append(from_error(CODES[kind], why))
@@ -264,20 +270,21 @@ class UsdSceneDelegate:
         if path in self._population.meshes:
             sources = Sources(self.stage, DirtyBits.TRANSFORM)
             frame = partial(self._skeletons.frame, sources=sources)
-        appearances = self._appearances(path)
-        try:
-            found = tuple(
-                placing.transforms(each, frame(each.levels[-1].prim), self._xforms)
-                for each in appearances
-            )
-        except Tf.ErrorException:  # an xformOpOrder that USD cannot read
-            found = tuple((NOWHERE,) * len(each.levels) for each in appearances)
+        wrong: list[Finding] = []
+        found: list[tuple[F64, ...]] = []
+        for each in self._appearances(path):
+            try:
+                found.append(placing.transforms(each, frame(each.levels[-1].prim), self._xforms))
+            except StageError as error:
+                wrong = [from_error("bad-transform", error)]
+                found.append((NOWHERE,) * len(each.levels))
         if path in self._population.meshes and self._readings.put(path, "transforms", sources):
             self._varying.pop(path, None)
         finite = all(np.isfinite(matrix).all() for levels in found for matrix in levels)
-        wrong = finding("bad-transform", path, "a transform that is not finite", "numbers")
-        self._remark("transforms", path, *(() if finite else (wrong,)))
-        return found
+        if not wrong and not finite:
+            wrong = [finding("bad-transform", path, "a transform that is not finite", "numbers")]
+        self._remark("transforms", path, *wrong)
+        return tuple(found)
 
     def visible(self, path: str) -> tuple[bool, ...]:
         """Implement `SceneDelegate.visible`."""

@@ -11,6 +11,7 @@ from usdsplat.core.cloud import F64
 from usdsplat.core.errors import StageError
 from usdsplat.delegate.scene_delegate.placing import column_matrix
 from usdsplat.render.specs import LightSpec
+from usdsplat.schema.stage_values import local_to_world
 
 
 def read_light(prim: Usd.Prim, time: Usd.TimeCode, cache: UsdGeom.XformCache) -> LightSpec:
@@ -42,7 +43,7 @@ def read_light(prim: Usd.Prim, time: Usd.TimeCode, cache: UsdGeom.XformCache) ->
         if angle != 0 and not light.GetNormalizeAttr().Get(time):
             strength *= math.pi * math.sin(min(abs(angle), math.pi) / 2) ** 2
         found = strength * color / math.pi
-        ray = -column_matrix(cache.GetLocalToWorldTransform(prim))[:3, 2]
+        ray = -column_matrix(local_to_world(prim, cache))[:3, 2]
         length = float(np.linalg.norm(ray))
     if not np.isfinite(found).all():
         raise StageError(where, "a light with a strength that is not finite", "finite numbers")

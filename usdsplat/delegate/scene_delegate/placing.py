@@ -13,6 +13,7 @@ from pxr import Gf, Usd, UsdGeom
 
 from usdsplat.core.cloud import F64
 from usdsplat.delegate.scene_delegate.population import Appearance, Level
+from usdsplat.schema.stage_values import local_to_ancestor, local_to_world
 
 
 def column_matrix(matrix: Gf.Matrix4d) -> F64:
@@ -25,7 +26,11 @@ def transforms(
 ) -> tuple[F64, ...]:
     """Return the matrices of an appearance's levels, as in `SceneDelegate.transforms`.
 
-    The last one is that of `frame`, which replaces the prim: a skeleton for a mesh with joints."""
+    The last one is that of `frame`, which replaces the prim: a skeleton for a mesh with joints.
+
+    Raises:
+        StageError: If USD does not know one of the transform ops.
+    """
     *outer, last = appearance.levels
     levels = (*outer, replace(last, prim=frame))
     return tuple(column_matrix(_to_frame(level, cache)) for level in levels)
@@ -33,9 +38,8 @@ def transforms(
 
 def _to_frame(level: Level, cache: UsdGeom.XformCache) -> Gf.Matrix4d:
     if level.root is None:
-        return cache.GetLocalToWorldTransform(level.prim)
-    matrix, _ = cache.ComputeRelativeTransform(level.prim, level.root.GetParent())
-    return matrix
+        return local_to_world(level.prim, cache)
+    return local_to_ancestor(level.prim, level.root.GetParent(), cache)
 
 
 def is_visible(appearance: Appearance, time: Usd.TimeCode) -> bool:

@@ -22,6 +22,7 @@ from usdsplat.delegate.scene_delegate import collections
 from usdsplat.render.framing import CONFORM, data_window
 from usdsplat.render.settings import RenderSettings, usd_names
 from usdsplat.render.specs import Framing
+from usdsplat.schema.stage_values import are_finite
 
 AOVS = {
     "color": "color",
@@ -126,7 +127,7 @@ def read_products(
         reader = _Reader(product, prim, render_pass, code)
         try:
             spec = reader.product(camera=camera, resolution=resolution, overrides=overrides)
-            yield replace(spec, findings=(*findings, *reader.foreign()))
+            yield replace(spec, findings=(*findings, *reader.problems(), *reader.foreign()))
         except StageError as error:
             yield error
 
@@ -257,9 +258,6 @@ class _Reader:
             where = f"{self._giver('resolution').GetPath()}.resolution"
             raise StageError(where, f"({width}, {height})", "at least one pixel on each side")
         window = tuple(self._value("dataWindowNDC"))
-        if not all(map(math.isfinite, window)):
-            where = f"{self._giver('dataWindowNDC').GetPath()}.dataWindowNDC"
-            raise StageError(where, str(window), "finite numbers")
         ratio, policy = float(self._value("pixelAspectRatio")), str(self._value(POLICY))
         if not 0 < ratio < math.inf:
             where = f"{self._giver('pixelAspectRatio').GetPath()}.pixelAspectRatio"
@@ -269,10 +267,18 @@ class _Reader:
             raise StageError(where, repr(policy), f"one of {', '.join(CONFORM)}")
         return Framing(
             resolution=(int(width), int(height)),
-            data_window=data_window(window, (width, height)),
+            data_window=data_window(window, (width, height)) if are_finite(window) else None,
             pixel_aspect_ratio=ratio,
             conform=policy,
         )
+
+    def problems(self) -> Iterator[Finding]:
+        """Yield a finding for each value that is not usable and is replaced."""
+        ndc = self._value("dataWindowNDC")
+        if not are_finite(ndc):
+            where = f"{self._giver('dataWindowNDC').GetPath()}.dataWindowNDC"
+            numbers = ", ".join(f"{each:g}" for each in ndc)
+            yield finding("bad-window", where, f"({numbers})", "finite numbers")
 
     def _render_settings(self, overrides: Mapping[str, Any]) -> RenderSettings:
         values = {}

@@ -1,4 +1,4 @@
-"""Run the application until the last window is closed or Ctrl-C is pressed."""
+"""Run the application until the last window is closed, or a signal such as Ctrl-C ends it."""
 
 from __future__ import annotations
 
@@ -11,13 +11,12 @@ from PySide6.QtCore import QObject, QTimer
 from PySide6.QtGui import QGuiApplication
 from PySide6.QtWidgets import QApplication
 
+from usdsplat.core.interrupt import SIGNALS
 from usdsplat.preview.qt import style
 from usdsplat.preview.qt.glyphs import window_icon
 from usdsplat.preview.qt.window import Opener, Window
 from usdsplat.preview.values import Opened
 
-INTERRUPTED = 130
-"""Exit status after Ctrl-C."""
 LISTEN = 200
 """Interval at which Python checks for signals while Qt waits [ms]."""
 
@@ -78,16 +77,20 @@ def run(
         window.open_with(first)
 
     def interrupt(number: int, frame: FrameType | None) -> None:
-        application.exit(INTERRUPTED)
+        application.exit(128 + number)  # an exception would be lost in Qt's loop
 
-    before = signal.signal(signal.SIGINT, interrupt)
+    before = {each: signal.getsignal(each) for each in SIGNALS}
+    for each, handler in before.items():
+        if handler != signal.SIG_IGN:
+            signal.signal(each, interrupt)
     listening = QTimer()
     listening.timeout.connect(lambda: None)  # lets Python's signal handlers run
     listening.start(LISTEN)
     try:
         return application.exec()
     finally:
-        signal.signal(signal.SIGINT, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
         for each in tuple(windows.open):
             each.close()
 

@@ -11,6 +11,7 @@ from usdsplat.core.errors import UsageError
 from usdsplat.preview.stage_model.edits import Edits
 from usdsplat.preview.stage_model.placing import code_of
 from usdsplat.render.specs import CameraSpec
+from usdsplat.schema.stage_values import parent_to_world
 
 FOCAL_LENGTH = 50.0
 """Focal length of every authored camera [tenth of a unit]; a view does not specify a lens."""
@@ -72,7 +73,7 @@ def author_camera(
     if spec.shutter != (0.0, 0.0):
         camera.CreateShutterOpenAttr(spec.shutter[0])
         camera.CreateShutterCloseAttr(spec.shutter[1])
-    above = UsdGeom.XformCache(code_of(time)).GetParentToWorldTransform(camera.GetPrim())
+    above = parent_to_world(camera.GetPrim(), UsdGeom.XformCache(code_of(time)))
     camera.AddTransformOp().Set(_camera_to_world(spec) * above.GetInverse())
     return camera
 

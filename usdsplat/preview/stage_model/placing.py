@@ -16,6 +16,7 @@ from pxr import Gf, Usd, UsdGeom
 
 from usdsplat.core.errors import StageError, UsageError
 from usdsplat.render.specs import Matrix
+from usdsplat.schema.stage_values import local_to_world, parent_to_world
 
 EDIT = "xformOp:transform:edit"
 _SUFFIX = "edit"
@@ -28,12 +29,12 @@ def transform(stage: Usd.Stage, path: str, *, time: float | None = None) -> Matr
     """Return a prim's local-to-world matrix: 16 numbers, row-major, for column vectors.
 
     Raises:
-        StageError: If there is no such prim.
+        StageError: If there is no such prim, or USD does not know one of its transform ops.
     """
     prim = stage.GetPrimAtPath(path)
     if not prim:
         raise StageError(path, "no prim", "a prim of the stage")
-    matrix = UsdGeom.XformCache(code_of(time)).GetLocalToWorldTransform(prim)
+    matrix = local_to_world(prim, UsdGeom.XformCache(code_of(time)))
     return tuple(np.array(matrix).T.ravel().tolist())
 
 
@@ -55,7 +56,7 @@ def edit_of(prim: Usd.Prim, matrix: Matrix, code: Usd.TimeCode) -> Gf.Matrix4d:
     others = _product(ops_below(xformable), code)
     above = Gf.Matrix4d(1.0)
     if not xformable.GetResetXformStack():
-        above = UsdGeom.XformCache(code).GetParentToWorldTransform(prim)
+        above = parent_to_world(prim, UsdGeom.XformCache(code))
     return _inverse(where, others) * asked * _inverse(where, above)
 
 

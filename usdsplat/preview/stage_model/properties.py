@@ -14,6 +14,7 @@ from usdsplat.core.errors import StageError, UsdSplatError
 from usdsplat.preview.knob_model import Editor
 from usdsplat.preview.stage_model.attribute_values import editor_of, text_of
 from usdsplat.preview.stage_model.placing import code_of
+from usdsplat.schema.stage_values import local_to_world, world_bound
 from usdsplat.schema.values import value as value_of
 
 PropertyKind = Literal["computed", "attribute", "connection", "relationship"]
@@ -150,14 +151,29 @@ def _computed(prim: Usd.Prim, code: Usd.TimeCode) -> Iterator[PropertyRow]:
     if not imageable:
         return
     if prim.IsA(UsdGeom.Xformable):
-        yield _row("Local to world", text_of(imageable.ComputeLocalToWorldTransform(code)))
+        yield _row("Local to world", _placed(prim, code))
     purposes = UsdGeom.Imageable.GetOrderedPurposeTokens()
     cache = UsdGeom.BBoxCache(code, purposes, useExtentsHint=True)
-    box = cache.ComputeWorldBound(prim).ComputeAlignedRange()
-    found = "empty" if box.IsEmpty() else f"{text_of(box.GetMin())} to {text_of(box.GetMax())}"
-    yield _row("World bounding box", found)
+    yield _row("World bounding box", _bounded(prim, cache))
     yield _row("Visibility, inherited", str(imageable.ComputeVisibility(code)))
     yield _row("Purpose, inherited", str(imageable.ComputePurpose()))
+
+
+def _placed(prim: Usd.Prim, code: Usd.TimeCode) -> str:
+    """Return the transform of a prim, or what is wrong with it."""
+    try:
+        return text_of(local_to_world(prim, UsdGeom.XformCache(code)))
+    except StageError as error:
+        return str(error)
+
+
+def _bounded(prim: Usd.Prim, cache: UsdGeom.BBoxCache) -> str:
+    """Return the bounding box of a prim, or why it has none."""
+    try:
+        box = world_bound(prim, cache).ComputeAlignedRange()
+    except StageError as error:
+        return str(error)
+    return "empty" if box.IsEmpty() else f"{text_of(box.GetMin())} to {text_of(box.GetMax())}"
 
 
 def _splats(prim: Usd.Prim, code: Usd.TimeCode) -> Iterator[tuple[str, str]]:

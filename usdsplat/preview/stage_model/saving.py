@@ -8,9 +8,11 @@ from pathlib import Path
 from pxr import Sdf, Usd, UsdGeom
 
 from usdsplat.core.errors import StageError
+from usdsplat.core.readable import check_referable
 from usdsplat.interchange.files import check_not_input, check_suffix, layer_files, save
 from usdsplat.preview.stage_model.cameras import author_camera, camera_path, check_camera
 from usdsplat.render.specs import CameraSpec
+from usdsplat.schema.stage_values import up_axis
 
 _FRAME = (
     "upAxis",
@@ -74,7 +76,7 @@ def save_camera_layer(
     check_camera(spec)
     path = camera_path(name)
     alone = Usd.Stage.CreateInMemory()
-    UsdGeom.SetStageUpAxis(alone, UsdGeom.GetStageUpAxis(stage))
+    UsdGeom.SetStageUpAxis(alone, up_axis(stage))
     UsdGeom.SetStageMetersPerUnit(alone, UsdGeom.GetStageMetersPerUnit(stage))
     author_camera(alone, path, spec)
     save(alone.GetRootLayer(), target)
@@ -95,7 +97,12 @@ def _copy_frame(source: Sdf.Layer, target: Sdf.Layer) -> None:
 
 
 def _from(target: Path, path: str) -> str:
-    """Return a file's path relative to the target's folder, so that both can be moved together."""
+    """Return a file's path relative to the target's folder, so that both can be moved together.
+
+    Raises:
+        StageError: If the file's name is not UTF-8.
+    """
+    check_referable(path)
     try:
         relative = Path(os.path.relpath(path, target.resolve().parent)).as_posix()
     except ValueError:  # another drive

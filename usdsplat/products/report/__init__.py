@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from pathlib import Path
 
-from pxr import Usd, UsdGeom
+from pxr import Usd
 
 from usdsplat import schema
 from usdsplat.core.axes import UP_AXIS_FRAME
@@ -25,6 +25,7 @@ from usdsplat.products.report.charts import Numbers
 from usdsplat.products.report.plots import check_matplotlib
 from usdsplat.products.report.values import Report
 from usdsplat.products.report.views import views
+from usdsplat.schema.stage_values import up_axis
 from usdsplat.schema.validation import splat_fields
 
 __all__ = ["Report", "check_target", "of_capture", "of_stage", "write"]
@@ -80,7 +81,7 @@ def of_stage(stage: Usd.Stage, time: float | None, title: str, lines: Iterable[s
             clouds.append(schema.fetch(prim, time))
         except UsdSplatError:
             continue  # the text of `info` has the reason
-    frame = UP_AXIS_FRAME[str(UsdGeom.GetStageUpAxis(stage))]
+    frame = UP_AXIS_FRAME[up_axis(stage)]
     return _report(clouds, stage, time, frame, title, lines)
 
 

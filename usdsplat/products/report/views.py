@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from pxr import Usd, UsdGeom
+from pxr import Usd
 
 from usdsplat.core import axes
 from usdsplat.core.cloud import F64
@@ -12,6 +12,7 @@ from usdsplat.delegate.engine import Engine
 from usdsplat.products.report.values import Picture, round_down
 from usdsplat.render.settings import RenderSettings
 from usdsplat.render.specs import CameraSpec, Framing, View
+from usdsplat.schema.stage_values import up_axis
 
 SIDE = 480
 """Width and height of each picture [pixel]."""
@@ -39,8 +40,7 @@ def views(stage: Usd.Stage, time: float | None, frame: str) -> tuple[Picture, ..
     Returns:
         The pictures; empty if nothing is visible.
     """
-    up_axis = str(UsdGeom.GetStageUpAxis(stage))
-    to_reference = axes.change(axes.UP_AXIS_FRAME[up_axis], "rub")
+    to_reference = axes.change(axes.UP_AXIS_FRAME[up_axis(stage)], "rub")
     with Engine(stage, time=time) as engine:
         engine.sync()
         box = engine.render_scene.subject()

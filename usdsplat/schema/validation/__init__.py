@@ -19,6 +19,7 @@ from usdsplat.schema import attributes, tokens
 from usdsplat.schema.field import is_splat_field
 from usdsplat.schema.validation import arrays, box, packing, radiance
 from usdsplat.schema.validation.finding import Sample
+from usdsplat.schema.validation.transforms import check_transforms
 
 __all__ = [
     "CHECKS",
@@ -74,7 +75,7 @@ _OF_FORM: Sequence[Check] = (
 def validate(
     stage: Usd.Stage, *, time: float | None = None, progress: Progress = silent
 ) -> list[Finding]:
-    """Check every splat field of a stage.
+    """Check every splat field of a stage, and the transform ops of all prims.
 
     Args:
         stage: The stage; it is not modified.
@@ -82,8 +83,8 @@ def validate(
         progress: Receives the number of checked fields.
 
     Returns:
-        Findings in the order of the prims, the stage last; empty if there are none. A fault that
-        several samples of an attribute share is one finding.
+        Findings in the order of the fields, then those of transforms and of the stage; empty if
+        there are none. A fault that several samples of an attribute share is one finding.
     """
     fields = list(splat_fields(stage))
     checks = [check for group in CHECKS.values() for check in group]
@@ -93,7 +94,8 @@ def validate(
         codes = None if time is None else [Usd.TimeCode(time)]
         findings += check_field(prim, checks, codes)
     progress.step("validating", len(fields), len(fields))
-    return [*findings, *_stage_metadata(stage)] if fields else []
+    findings += check_transforms(stage)
+    return [*findings, *_stage_metadata(stage)] if fields else findings
 
 
 def check_field(

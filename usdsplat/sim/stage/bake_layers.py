@@ -27,6 +27,7 @@ from pxr import Sdf, Usd, UsdGeom, Vt
 
 from usdsplat.core.errors import OutputError, StageError
 from usdsplat.core.output import output_group
+from usdsplat.core.readable import check_referable
 from usdsplat.schema import tokens
 from usdsplat.schema.usd_files import export_layer
 from usdsplat.sim.stage.plan import Plan
@@ -154,6 +155,7 @@ class BakeLayers:
         root = self._stage.GetRootLayer()
         if root.anonymous or not root.realPath:
             raise StageError(root.identifier, "a stage without a file", "a saved one")
+        check_referable(root.realPath)
         used = {Path(layer.realPath) for layer in self._stage.GetUsedLayers() if layer.realPath}
         if self.target.resolve() in {path.resolve() for path in used}:
             raise StageError(str(self.target), "a layer of the stage itself", "another name")

@@ -18,6 +18,7 @@ from pxr import Gf, Sdf, Usd, UsdGeom
 from usdsplat import schema
 from usdsplat.core.cloud import F64
 from usdsplat.core.errors import StageError, UsageError
+from usdsplat.schema.stage_values import up_axis
 from usdsplat.schema.usd_files import export_layer
 from usdsplat.sim.stage import spaces
 from usdsplat.sim.stage.authoring import author, relate
@@ -112,7 +113,7 @@ def author_preset(
     stage = Usd.Stage.CreateInMemory()
     root = stage.GetRootLayer()
     root.subLayerPaths.append(str(file))
-    UsdGeom.SetStageUpAxis(stage, UsdGeom.GetStageUpAxis(capture))
+    UsdGeom.SetStageUpAxis(stage, up_axis(capture))
     UsdGeom.SetStageMetersPerUnit(stage, UsdGeom.GetStageMetersPerUnit(capture))
     for setter in (stage.SetFramesPerSecond, stage.SetTimeCodesPerSecond):
         setter(RATE)
@@ -306,7 +307,7 @@ def _scene(stage: Usd.Stage, field: Usd.Prim, last: int) -> Scene:
         count=len(points),
         center=(low + high) / 2,
         extent=extent,
-        up="XYZ".index(str(UsdGeom.GetStageUpAxis(stage))),
+        up="XYZ".index(up_axis(stage)),
         field_unit=spaces.size_of(matrix),
         linear=to_world[:3, :3],
         last=last,

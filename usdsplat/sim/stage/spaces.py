@@ -10,6 +10,7 @@ from pxr import Usd, UsdGeom
 
 from usdsplat.core.cloud import F32, F64
 from usdsplat.core.errors import StageError
+from usdsplat.schema.stage_values import local_to_world
 
 UNIFORM = 1e-4
 """Relative spread of stretches up to which a scale counts as uniform: above the rounding of single
@@ -17,8 +18,12 @@ precision, and too small to be visible."""
 
 
 def to_world(prim: Usd.Prim, time: Usd.TimeCode) -> F64:
-    """Return a prim's local-to-world transform."""
-    return np.array(UsdGeom.XformCache(time).GetLocalToWorldTransform(prim), np.float64).T
+    """Return a prim's local-to-world transform.
+
+    Raises:
+        StageError: If it has a transform op that USD does not know.
+    """
+    return np.array(local_to_world(prim, UsdGeom.XformCache(time)), np.float64).T
 
 
 def placing_times(prims: Iterable[Usd.Prim]) -> list[float]:

@@ -1,0 +1,60 @@
+"""Tests of names for C++ libraries."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from usdsplat.core.errors import StageError
+from usdsplat.core.readable import check_referable, readable
+
+STRANGE = os.fsdecode(b"bad\xff.usda")
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A folder with a file whose name is not UTF-8, and one with a plain name."""
+    try:
+        (tmp_path / STRANGE).write_bytes(b"strange")
+    except OSError:
+        pytest.skip("the file system takes UTF-8 only")
+    (tmp_path / "plain.usda").write_bytes(b"plain")
+    return tmp_path
+
+
+def test_a_name_in_utf_8_stays(folder: Path) -> None:
+    """Oracle: the very name."""
+    assert readable(folder / "plain.usda") == str(folder / "plain.usda")
+    check_referable(folder / "plain.usda")
+
+
+def test_another_name_is_a_link_with_its_neighbours_beside_it(folder: Path) -> None:
+    """Oracle: the bytes of both files, read by names that UTF-8 can encode."""
+    name = readable(folder / STRANGE)
+    name.encode("utf-8")
+    assert Path(name).read_bytes() == b"strange"
+    assert Path(name).with_name("plain.usda").read_bytes() == b"plain"
+    assert Path(name).name == "bad\\xff.usda"
+    assert readable(folder / STRANGE) == name
+    with pytest.raises(StageError, match=r"bad.xff\.usda: found a name that is not UTF-8"):
+        check_referable(name)
+
+
+def test_a_folder_with_another_name_is_a_link_too(folder: Path) -> None:
+    """Oracle: the bytes of a file in it."""
+    strange = folder / os.fsdecode(b"d\xff")
+    strange.mkdir()
+    (strange / "a.usda").write_bytes(b"inside")
+    for asked, below in ((strange, "a.usda"), (strange / "a.usda", "")):
+        name = readable(asked)
+        name.encode("utf-8")
+        assert Path(name, below).read_bytes() == b"inside"
+
+
+def test_a_missing_file_is_missing_under_its_new_name_too(folder: Path) -> None:
+    """Oracle: the file system."""
+    name = readable(folder / os.fsdecode(b"none\xff.usda"))
+    name.encode("utf-8")
+    assert not Path(name).exists()

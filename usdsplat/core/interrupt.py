@@ -1,0 +1,116 @@
+"""Interruption of the process by a signal, recorded so that it cannot be lost.
+
+Python raises the exception of a signal handler wherever the main thread is. C++ code that called
+Python, such as USD's while it is imported, drops the exception and goes on. Long work therefore
+looks at the record too: reports of progress, and whoever commits a finished file.
+"""
+
+from __future__ import annotations
+
+import signal
+from types import FrameType
+
+SIGNALS = tuple(
+    getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
+)
+"""The signals that ask a process to end."""
+
+_PAUSE = 0.01  # s
+
+_received = 0
+
+
+class Interrupted(KeyboardInterrupt):
+    """Signal that the process was asked to end. Unfinished files are removed.
+
+    Args:
+        number: Number of the signal.
+    """
+
+    def __init__(self, number: int) -> None:
+        super().__init__(number)
+        self.number = number
+
+
+def handle() -> None:
+    """Make each of `SIGNALS` raise `Interrupted` in the main thread, unless it is ignored.
+
+    `nohup` and the background jobs of a shell start a process with ignored signals.
+    """
+    for number in SIGNALS:
+        if signal.getsignal(number) != signal.SIG_IGN:
+            signal.signal(number, _handler)
+
+
+def receive(number: int) -> bool:
+    """Record that the process received a signal. Return whether it is the first one.
+
+    Later signals must not disturb the removal of unfinished files.
+    """
+    global _received
+    is_first = not _received
+    _received = _received or number
+    return is_first
+
+
+def received() -> int:
+    """Return the number of the signal that the process received; 0 if there was none."""
+    return _received
+
+
+def forget() -> None:
+    """Remove the record."""
+    global _received
+    _received = 0
+
+
+def check() -> None:
+    """Raise an error if the process was asked to end.
+
+    Raises:
+        Interrupted: If it was.
+    """
+    if _received:
+        raise Interrupted(_received)
+
+
+def status(error: KeyboardInterrupt) -> int:
+    """Return the exit status after an interruption: 128 + the signal's number, as in shells."""
+    return 128 + (error.number if isinstance(error, Interrupted) else signal.SIGINT)
+
+
+def sender(number: int) -> str:
+    """Return " by SIGTERM" and the like for a message; nothing for Ctrl-C."""
+    return "" if number == signal.SIGINT else f" by {signal.Signals(number).name}"
+
+
+def _handler(number: int, frame: FrameType | None) -> None:
+    if receive(number):
+        _raise(frame)
+
+
+def _again(number: int, frame: FrameType | None) -> None:
+    _raise(frame)
+
+
+def _raise(frame: FrameType | None) -> None:
+    """Raise the interruption, or try again after `_PAUSE` while code of USD's modules runs.
+
+    USD prints and drops an exception that is raised while its modules are imported.
+
+    Raises:
+        Interrupted: If no such code runs.
+    """
+    if hasattr(signal, "setitimer") and _is_in_usd(frame):
+        signal.signal(signal.SIGALRM, _again)
+        signal.setitimer(signal.ITIMER_REAL, _PAUSE)
+        return
+    raise Interrupted(_received)
+
+
+def _is_in_usd(frame: FrameType | None) -> bool:
+    while frame is not None:
+        if frame.f_globals.get("__name__", "").startswith("pxr."):
+            return True
+        frame = frame.f_back
+    return False

@@ -1,0 +1,64 @@
+"""Names of files that C++ libraries can open: USD, OpenImageIO and OpenColorIO take UTF-8 only."""
+
+from __future__ import annotations
+
+import atexit
+import os
+from contextlib import ExitStack
+from pathlib import Path
+
+from usdsplat.core.errors import StageError
+from usdsplat.core.scratch import scratch_folder
+from usdsplat.core.text import shown
+
+_links: dict[str, str] = {}
+
+
+def readable(path: Path | str) -> str:
+    """Return a name of a file or folder that is UTF-8: `path`, or a symbolic link to it.
+
+    Links are in a folder of this process and exist until it ends, because USD reads files late. The
+    other files of a folder are linked beside a linked file, so that relative references are found
+    if they do not leave the folder. A missing file gets a name that does not exist either.
+    """
+    text = str(path)
+    if _is_utf8(text):
+        return text
+    full = os.path.abspath(text)
+    if not os.path.exists(full):
+        return shown(full)
+    if full not in _links:
+        _links[full] = _linked(full)
+    return _links[full]
+
+
+def check_referable(path: Path | str) -> None:
+    """Check that a file may refer to `path`, which is no link of this process.
+
+    Raises:
+        StageError: If it is.
+    """
+    for full, link in _links.items():
+        if str(path) == link:
+            found = "a name that is not UTF-8"
+            raise StageError(full, found, "a name that another layer can refer to")
+
+
+def _linked(full: str) -> str:
+    """Return a link to a file whose folder or name is not UTF-8."""
+    parent, name = os.path.split(full)
+    folder = ExitStack()
+    place = folder.enter_context(scratch_folder())
+    atexit.register(folder.close)
+    siblings = os.listdir(parent) if os.path.isfile(full) else [name]
+    for each in siblings:
+        os.symlink(os.path.join(parent, each), place / shown(each))
+    return str(place / shown(name))
+
+
+def _is_utf8(text: str) -> bool:
+    try:
+        text.encode("utf-8")
+    except UnicodeEncodeError:
+        return False
+    return True

@@ -1,0 +1,132 @@
+"""Values of a stage that its schemas do not restrict: up axis, transforms, bounds.
+
+USD raises `Tf.ErrorException` for a transform op that it does not know, and returns any word as the
+up axis. These functions are the only ones that ask USD for them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from typing import Any, Literal, cast
+
+import numpy as np
+from pxr import Gf, Tf, Usd, UsdGeom
+
+from usdsplat.core.errors import StageError
+
+UpAxis = Literal["Y", "Z"]
+UP_AXES = ("Y", "Z")
+"""Values of `upAxis`."""
+ASSUMED: UpAxis = "Y"
+"""Up axis of a stage with another value, as USD has it for a stage without one."""
+
+_OPS = {UsdGeom.XformOp.GetOpTypeToken(each) for each in UsdGeom.XformOp.Type.allValues} - {""}
+EXPECTED_OPS = "transform ops of UsdGeomXformable"
+"""Words for what `xformOpOrder` may have, in findings and errors."""
+_INVERSE = "!invert!"
+_RESET = "!resetXformStack!"
+
+
+def up_axis(stage: Usd.Stage) -> UpAxis:
+    """Return the stage's up axis; `ASSUMED` if its value is no axis that USD allows."""
+    found = str(UsdGeom.GetStageUpAxis(stage))
+    return cast(UpAxis, found) if found in UP_AXES else ASSUMED
+
+
+def up_axis_problem(stage: Usd.Stage) -> StageError | None:
+    """Return what is wrong with the stage's up axis, or None."""
+    found = str(UsdGeom.GetStageUpAxis(stage))
+    if found in UP_AXES:
+        return None
+    return StageError("stage upAxis", repr(found), f"Y or Z; {ASSUMED} is assumed")
+
+
+def local_to_world(prim: Usd.Prim, cache: UsdGeom.XformCache) -> Gf.Matrix4d:
+    """Return the transform from a prim to the world.
+
+    Raises:
+        StageError: If the prim or an ancestor has a transform op that USD does not know.
+    """
+    try:
+        return cache.GetLocalToWorldTransform(prim)
+    except Tf.ErrorException:
+        cache.Clear()  # it would leave out the op, without an error, when asked again
+        raise _bad_op(prim) from None
+
+
+def parent_to_world(prim: Usd.Prim, cache: UsdGeom.XformCache) -> Gf.Matrix4d:
+    """Return the transform from a prim's parent to the world.
+
+    Raises:
+        StageError: As `local_to_world`.
+    """
+    try:
+        return cache.GetParentToWorldTransform(prim)
+    except Tf.ErrorException:
+        cache.Clear()  # it would leave out the op, without an error, when asked again
+        raise _bad_op(prim) from None
+
+
+def local_to_ancestor(prim: Usd.Prim, ancestor: Usd.Prim, cache: UsdGeom.XformCache) -> Gf.Matrix4d:
+    """Return the transform from a prim to one of its ancestors, or to the world if a prim between
+    them resets the transform.
+
+    Raises:
+        StageError: As `local_to_world`.
+    """
+    try:
+        matrix, _ = cache.ComputeRelativeTransform(prim, ancestor)
+    except Tf.ErrorException:
+        cache.Clear()  # it would leave out the op, without an error, when asked again
+        raise _bad_op(prim) from None
+    return matrix
+
+
+def world_bound(prim: Usd.Prim, cache: UsdGeom.BBoxCache) -> Gf.BBox3d:
+    """Return the bounding box of a prim and everything below it.
+
+    Raises:
+        StageError: If a transform op on the way is unknown to USD.
+    """
+    try:
+        return cache.ComputeWorldBound(prim)
+    except Tf.ErrorException:
+        cache.Clear()  # it would leave out the op, without an error, when asked again
+        raise _bad_op(prim, below=True) from None
+
+
+def unknown_ops(prim: Usd.Prim) -> Iterator[str]:
+    """Yield the transform ops of a prim that USD does not know, or that have no attribute."""
+    order = prim.GetAttribute("xformOpOrder").Get() if prim.HasAttribute("xformOpOrder") else None
+    for op in order or ():
+        name = str(op).removeprefix(_INVERSE)
+        if name == _RESET:
+            continue
+        kind = name.split(":")[1] if name.startswith("xformOp:") else ""
+        if kind not in _OPS or not prim.HasAttribute(name):
+            yield str(op)
+
+
+def are_finite(value: Any) -> bool:
+    """Return whether all numbers of a value are finite: a number, a vector or a matrix."""
+    if isinstance(value, int | float):
+        return math.isfinite(value)
+    return bool(np.isfinite(np.array(value, np.float64)).all())
+
+
+def _bad_op(prim: Usd.Prim, *, below: bool = False) -> StageError:
+    """Return the error for the nearest prim with an op that USD does not know."""
+    for each in _lineage(prim, below):
+        for op in unknown_ops(each):
+            return StageError(f"{each.GetPath()}.xformOpOrder", repr(op), EXPECTED_OPS)
+    return StageError(str(prim.GetPath()), "transform ops that USD cannot evaluate", EXPECTED_OPS)
+
+
+def _lineage(prim: Usd.Prim, below: bool) -> Iterable[Usd.Prim]:
+    each = prim
+    while each and not each.IsPseudoRoot():
+        yield each
+        each = each.GetParent()
+    if below:
+        yield from Usd.PrimRange(prim, Usd.TraverseInstanceProxies())
