@@ -352,3 +352,16 @@ def test_numbers_too_large_for_float32_are_judged_in_silence(stage: Usd.Stage) -
     setting("positions", put(0, 1e30))(prim)
     setting("scales", put(0, 1e30))(prim)
     assert "extent-too-small" in {finding.code for finding in validate(stage)}
+
+
+def test_newborn_splats_of_scale_0_need_no_thickness(stage: Usd.Stage) -> None:
+    """Oracle: ids; at frame 2 a splat of scale 0 is new, or was there before."""
+    first = replace(cloud(n=3), ids=np.arange(3))
+    flat = first.scales.copy()
+    flat[2] = 0
+    for ids, words in (([0, 1, 7], "none is needed here"), ([0, 1, 2], "a small thickness")):
+        prim = schema.author(stage, "/Splats", first, time=1)
+        schema.author(stage, "/Splats", replace(first, scales=flat, ids=np.array(ids)), time=2)
+        (found,) = [each for each in validate(stage) if each.code == "zero-scale"]
+        assert words in found.cure and found.time == 2
+        stage.RemovePrim(prim.GetPath())
