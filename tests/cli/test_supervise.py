@@ -21,12 +21,12 @@ TOO_LONG = 30.0
 SCRIPT = """
 import os, sys, time
 import usdsplat.cli.main as command
-from usdsplat.core.output import atomic_path
+from usdsplat.core.output import output_file
 from usdsplat.core.progress import silent
 
 def work(arguments):
-    with atomic_path(arguments[1]) as path:
-        path.write_bytes(b"half")
+    with output_file(arguments[1]) as output:
+        output.path.write_bytes(b"half")
         print("ready", flush=True)
 {work}
     return 0

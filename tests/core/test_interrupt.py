@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from usdsplat.core import interrupt
-from usdsplat.core.output import atomic_path
+from usdsplat.core.output import output_file
 from usdsplat.core.progress import silent
 
 
@@ -29,8 +29,8 @@ def test_a_lost_exception_is_raised_again_by_progress_and_by_a_commit(tmp_path: 
     assert interrupt.receive(signal.SIGTERM)
     with pytest.raises(interrupt.Interrupted):
         silent.step("drawing", 1, 2)
-    with pytest.raises(interrupt.Interrupted) as caught, atomic_path(tmp_path / "a") as path:
-        path.write_bytes(b"whole")
+    with pytest.raises(interrupt.Interrupted) as caught, output_file(tmp_path / "a") as output:
+        output.path.write_bytes(b"whole")
     assert os.listdir(tmp_path) == []
     assert interrupt.status(caught.value) == 128 + signal.SIGTERM
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 import threading
-import traceback
 
 from usdsplat.cli import failures
 from usdsplat.core import interrupt
@@ -44,6 +43,8 @@ def _is_news(error: BaseException) -> bool:
 
 
 def _report(error: BaseException, place: str) -> None:
+    import traceback
+
     text = "".join(traceback.format_exception(error))
     found = f"an error that is not foreseen ({type(error).__name__})"
     failures.unforeseen(sys.argv[1:], found, f"{place}\n{text}")

@@ -7,7 +7,6 @@ are not printed.
 from __future__ import annotations
 
 import re
-import sys
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
@@ -19,6 +18,7 @@ from usdsplat.cli.arguments import option
 from usdsplat.core.errors import StrictError
 from usdsplat.core.findings import LIBRARY_MESSAGES, Finding, Findings, finding
 from usdsplat.core.progress import Progress, silent
+from usdsplat.core.text import shown
 
 _CONTEXT = re.compile(r" \([a-z ]+ on stage @.*\)$")
 """End of a message of USD with the stage's address."""
@@ -81,8 +81,8 @@ class Reporter:
 
     def _tell(self, found: Finding) -> None:
         if self.is_shown(found):
-            print("\n".join(["usdsplat: " + self.lines(found)[0], *self.lines(found)[1:]]),
-                  file=sys.stderr)  # fmt: skip
+            first, *others = map(shown, self.lines(found))
+            console.tell("\n".join([f"usdsplat: {first}", *others]))
 
 
 class Command(Protocol):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import atexit
 import os
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 
 from usdsplat.core.errors import StageError
@@ -50,10 +50,16 @@ def _linked(full: str) -> str:
     folder = ExitStack()
     place = folder.enter_context(scratch_folder())
     atexit.register(folder.close)
-    siblings = os.listdir(parent) if os.path.isfile(full) else [name]
-    for each in siblings:
-        os.symlink(os.path.join(parent, each), place / shown(each))
-    return str(place / shown(name))
+    siblings = os.listdir(parent) if os.path.isfile(full) else []
+    for each in (name, *siblings):
+        with suppress(FileExistsError):  # the file itself, or two names with the same plain one
+            os.symlink(os.path.join(parent, each), place / _plain(each))
+    return str(place / _plain(name))
+
+
+def _plain(name: str) -> str:
+    """Return a name in UTF-8. USD takes the backslash of an escape for a separator of folders."""
+    return name if _is_utf8(name) else shown(name).replace("\\", "_")
 
 
 def _is_utf8(text: str) -> bool:
