@@ -70,6 +70,9 @@ ALLOWED = {
     "images/texture.py": "a temporary copy of a packed texture, to read it",
     "cli/view.py": "a page that redirects the browser, removed at the end of the session",
     "core/lock.py": "the lock of an output, which is no result",
+    "cli/crash_log.py": "the stack of a crash",
+    "cli/failures.py": "the report of an error that was not foreseen",
+    "cli/streams.py": "standard streams that were closed",
     "schema/generate.py": "source code of this package, written by its developers",
     "sim/schema_source.py": "source code of this package, written by its developers",
 }

@@ -41,7 +41,6 @@ EXPECTED = {
 STOPS = {
     "clipping": ("bad-camera", "/W/Cam"),
     "resolution": ("bad-product", "/Render/Settings"),
-    "window": ("bad-product", "/Render/Settings"),
     "camera": ("bad-product", "/Render/Product"),
     "product": ("bad-product", "/Render/Settings"),
     "no var": ("bad-product", "/Render/Product"),

@@ -49,13 +49,13 @@ def test_captures_and_stages_with_any_name_are_read(strange, capture, shot, run,
 
 
 def test_a_capture_with_any_name_becomes_a_prim(strange, capture, run, tmp_path):
-    """Oracle: USD opens the stage; the field is named after the file."""
+    """Oracle: USD opens the stage; the model is named after the file."""
     from pxr import Usd
 
     assert run("convert", strange(capture), tmp_path / "a.usda")[0] == 0
     stage = Usd.Stage.Open(str(tmp_path / "a.usda"))
     (field,) = [prim for prim in stage.Traverse() if is_splat_field(prim)]
-    assert field.GetName() == "bad_xff"
+    assert field.GetPath() == "/bad_xff/splats"
     assert field.GetCustomDataByKey("usdsplat")["source"] == "bad\\xff.ply"
 
 

@@ -297,7 +297,9 @@ def interrupted(name: str, number: int, moment: float, shot: Path, out: Path) ->
     if status:  # else it was finished before the signal
         assert status == 128 + number
     assert "Traceback" not in err
-    assert [line for line in err.splitlines() if not line.startswith("usdsplat: ")] == []
+    of_qt = "propagateSizeHints"  # its platform without a display says so of each window
+    told = [line for line in err.splitlines() if of_qt not in line]
+    assert [line for line in told if not line.startswith("usdsplat: ")] == []
     hidden = [path.name for path in out.rglob(".*")] + os.listdir(out.parent / "tmp")
     assert hidden == []
     named = out / "a.usdz"

@@ -89,7 +89,9 @@ def test_an_up_axis_that_usd_does_not_allow_counts_as_y(authored: str, axis: str
     assert up_axis(stage) == axis
     problem = up_axis_problem(stage)
     assert (problem is None) == (authored in ("Y", "Z"))
-    assert problem is None or str(problem).startswith(f"/ upAxis: found {authored!r}, expected Y")
+    assert problem is None or str(problem).startswith(
+        f"stage upAxis: found {authored!r}, expected Y"
+    )
 
 
 @pytest.mark.parametrize(

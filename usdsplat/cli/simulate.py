@@ -21,7 +21,7 @@ notes:
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -149,7 +149,7 @@ def _bake(options: Options, source: Path, target: Path, reporter: Reporter) -> i
             findings=reporter.findings,
         )
     if options.json:
-        reporter.print_json(report.as_dict())
+        reporter.print_json(asdict(report))
     else:
         console.say_path(target)
         reporter.remark(report.sentence())

@@ -245,10 +245,12 @@ class Parent:
 
 def _remove(path: str) -> None:
     """Remove a temporary file or folder, if it exists."""
-    import shutil
-
     if os.path.isdir(path) and not os.path.islink(path):
-        shutil.rmtree(path, ignore_errors=True)
+        from pathlib import Path
+
+        from usdsplat.core.output import remove_left_folder
+
+        remove_left_folder(Path(path))
     else:
         with suppress(OSError):
             os.unlink(path)

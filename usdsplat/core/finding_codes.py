@@ -76,8 +76,9 @@ CODES: dict[str, Code] = {
     ),
     "bad-transform": Code(
         "error",
-        "a transform is not finite",
+        "a transform is not finite, or has an op that USD does not know",
         "correct the xformOps of the prim or its ancestors",
+        "what it places is not drawn",
     ),
     "bad-camera": Code(
         "error",

@@ -14,6 +14,7 @@ from pxr import Pcp, Sdf, Tf, Usd, UsdGeom
 
 from usdsplat.core.cloud import F64
 from usdsplat.core.findings import Finding, finding
+from usdsplat.schema.stage_values import UP_AXES
 
 RESOLVED = "unitsResolve"
 """Suffix of the ops of metrics assemblers."""
@@ -72,8 +73,10 @@ def _root_layer(node: Pcp.NodeRef) -> Sdf.Layer:
 
 
 def _differs(name: str, asset: Sdf.Layer, shot: Sdf.Layer) -> bool:
-    """Return whether both layers author a metadatum, with different values."""
+    """Return whether both layers author a metadatum, with different values that USD allows."""
     roots = (asset.pseudoRoot, shot.pseudoRoot)
+    if name == _AXIS and not {_axis(asset), _axis(shot)} <= set(UP_AXES):
+        return False
     return all(root.HasInfo(name) for root in roots) and (
         roots[0].GetInfo(name) != roots[1].GetInfo(name)
     )

@@ -30,7 +30,8 @@ def test_skinned_points_and_normals_are_those_of_the_bake(name, data):
     skinned = Usd.Stage.Open(str(folder / f"{name}.usda"))
     baked = Usd.Stage.Open(str(folder / f"{name}.baked.usda"))
     with Engine(skinned, refinement=0) as engine, Engine(baked, refinement=0) as oracle:
-        assert engine.meshes() == oracle.meshes() and engine.warnings == ()
+        assert engine.meshes() == oracle.meshes()
+        assert {each.code for each in engine.findings} <= {"unsupported-prim"}  # bones as curves
         for time in (1, 5, 10, 20, 30):
             engine.set_time(time)
             oracle.set_time(time)

@@ -7,7 +7,7 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -53,10 +53,6 @@ class Report:
     """Seconds of each stage of the solver, and of writing."""
     megabytes: float = 0.0
     """Peak memory of the process."""
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the report as JSON values."""
-        return asdict(self)
 
     def sentence(self) -> str:
         """Return the report as a sentence."""
