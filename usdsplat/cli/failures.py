@@ -22,6 +22,7 @@ _SIGNS = (
     "failed to map segment",  # the dynamic linker
     "can't start new thread",
     "unable to allocate memory",  # LLVM
+    "error return without exception set",  # Python, where it could not make a MemoryError
 )
 """Parts of messages of libraries that lack memory."""
 
@@ -64,13 +65,17 @@ def explain(error: Exception, arguments: Sequence[str]) -> int:
         place = os.fsdecode(error.filename) if _is_name(error.filename) else command(arguments)
         console.complain(f"{place}: found {found}, expected a place to read or write")
         return FOUND
-    import traceback
+    try:
+        import traceback
 
-    return unforeseen(
-        arguments,
-        f"an error that is not foreseen ({type(error).__name__})",
-        "".join(traceback.format_exception(error)),
-    )
+        text = "".join(traceback.format_exception(error))
+        found = f"an error that is not foreseen ({type(error).__name__})"
+        return unforeseen(arguments, found, text)
+    except Exception as second:
+        if not lacks_memory(second):
+            raise
+        console.complain(f"{command(arguments)}: {MEMORY}")
+        return FOUND
 
 
 def unforeseen(arguments: Sequence[str], found: str, text: str) -> int:
