@@ -50,7 +50,7 @@ class Scene:
         camera["low_u"], camera["high_u"] = -CLAMP * width / 2 / f, CLAMP * width / 2 / f
         camera["low_v"], camera["high_v"] = -CLAMP * height / 2 / f, CLAMP * height / 2 / f
         camera["right"], camera["bottom"] = width - 1, height - 1
-        camera["low_pass"] = LOW_PASS
+        camera["low_pass"], camera["trained"] = LOW_PASS, np.inf
         matrix = self.matrix.astype(np.float64)
         sights = np.zeros((1, 3, 4))
         sights[0, :, :3] = np.eye(3)

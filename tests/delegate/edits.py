@@ -213,6 +213,11 @@ class Editor(CropEdits, TimingEdits):
             attribute = prim.CreateAttribute(name, Sdf.ValueTypeNames.Token)
             attribute.Set(self._random.choice(choices[name]))
 
+    def set_footprint(self) -> None:
+        if prim := self._field():
+            attribute = prim.CreateAttribute("splat:sampling:footprint", Sdf.ValueTypeNames.Float)
+            attribute.Set(self._random.choice([0.0, 0.001, 0.01, 0.1]))
+
     def set_color_space(self) -> None:
         if prim := self._prim():
             api = Usd.ColorSpaceAPI.Apply(prim)

@@ -222,13 +222,17 @@ def test_rasterize_mode_and_degree_are_the_settings_or_the_prims():
     """Oracle: prims and clouds that say it themselves."""
     cloud = random_cloud(12, n=200, degree=2)
     tiny = replace(cloud, scales=cloud.scales * np.float32(0.1))
-    classic, antialiased = (
+    kept, antialiased = (
         picture(stage_of(tiny, drawing=schema.DrawingHints(rasterize_mode=mode)))
         for mode in ("classic", "antialiased")
     )
-    assert not np.array_equal(classic, antialiased)
+    assert not np.array_equal(kept, antialiased)
     classic = schema.DrawingHints(rasterize_mode="classic")
     named = picture(stage_of(tiny, drawing=classic), rasterize_mode="antialiased")
     np.testing.assert_array_equal(named, antialiased)
+    small = schema.DrawingHints(footprint=1e-9)  # no low-pass at all: antialiased
+    np.testing.assert_array_equal(picture(stage_of(tiny, drawing=small)), antialiased)
+    unknown = picture(stage_of(tiny, drawing=classic), rasterize_mode="footprint")
+    np.testing.assert_array_equal(unknown, kept)
     flat = picture(stage_of(replace(cloud, sh=cloud.sh[:, :1])))
     np.testing.assert_allclose(picture(stage_of(cloud), sh_degree=0), flat, atol=1e-6)

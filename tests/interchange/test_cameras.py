@@ -225,3 +225,19 @@ def test_numbered_photographs_keep_their_numbers(tmp_path):
     shots = [Shot(f"{number}.png", (1, 0, 0, 0), (0, 0, 3)) for number in ("0001", "1001")]
     report = import_cameras(colmap_text(tmp_path / "sparse", shots), field)
     assert report.prim_paths == ("/scan/cameras/_0001", "/scan/cameras/_1001")
+
+
+@pytest.mark.parametrize("unit", [1.0, 2.0])
+def test_the_size_of_the_photographs_pixels_is_on_the_field(tmp_path, unit) -> None:
+    """Oracle: the depths of the points that a photograph shows, over its focal length, median;
+    a capture that was divided by two has a local unit of twice the size."""
+    cloud = edit.transform(dots(points()), np.diag([1 / unit] * 3 + [1.0]))
+    _stage, field = staged(tmp_path, cloud)
+    folder, edited = colmap_text(tmp_path / "sparse"), np.diag([1 / unit] * 3 + [1.0])
+    import_cameras(folder, field, edited=edited)
+    sizes = [
+        np.median(shot.seen(points())[:, 2]) / np.sqrt(np.prod(LENSES[shot.camera][3][:2]))
+        for shot in SHOTS
+    ]
+    size = schema.footprint(field) * unit
+    assert size == pytest.approx(np.median(sizes), rel=1e-5)

@@ -16,7 +16,7 @@ def camera(**changes):
     record["near"], record["far"] = 0.01, 1e10
     record["low_u"], record["high_u"], record["low_v"], record["high_v"] = -2, 2, -2, 2
     record["left"], record["top"], record["right"], record["bottom"] = -1e6, -1e6, 1e6, 1e6
-    record["low_pass"] = project.LOW_PASS
+    record["low_pass"], record["trained"] = project.LOW_PASS, np.inf
     for name, value in changes.items():
         record[name] = value
     return record
@@ -123,11 +123,29 @@ def test_antialiasing_keeps_the_integral_of_a_small_splat(device):
     """Oracle: Yu et al. 2024: opacity times sqrt(det before / det after the low-pass)."""
     sigma = np.array([0.0005, 0.001])
     (record,), _, _ = project_rows(
-        device, [[0, 0, 1]], scales=[[*sigma, 0.1]], opacities=[0.9], antialiased=1
+        device, [[0, 0, 1]], scales=[[*sigma, 0.1]], opacities=[0.9], trained=0
     )
     before = (FOCAL * sigma) ** 2
     expected = 0.9 * np.sqrt(np.prod(before) / np.prod(before + 0.3))
     np.testing.assert_allclose(np.exp(record[project.LOG_OPACITY]), expected, rtol=1e-5)
+
+
+def test_the_low_pass_of_the_photographs_keeps_its_size_at_the_splat(device):
+    """Oracle: a low-pass of 0.3 pixel² of pixels of a size at the splat is 0.3 (size f / z)² of the
+    picture's pixels, enlarged by an instance; up to the picture's own the opacity is kept."""
+    sigma, size, scale = 0.0005, 0.01, 1.5
+    depths = np.array([2.0, 40.0, 80.0, 1e5])
+    records, _, _ = project_rows(
+        device, [[0, 0, depth / scale] for depth in depths], scales=[[sigma] * 3] * 4,
+        opacities=[0.9] * 4, matrix=np.diag([scale] * 3 + [1.0]),
+        trained=0.3 * size**2 * FOCAL**2,
+    )  # fmt: skip
+    variance = (FOCAL * scale * sigma / depths) ** 2
+    trained = np.minimum(0.3, 0.3 * (FOCAL * scale * size / depths) ** 2)
+    expected = 0.9 * (variance + trained) / (variance + 0.3)
+    assert expected[0] == 0.9
+    assert expected[3] < 1 / 255, "the last one is too faint to be seen"
+    np.testing.assert_allclose(np.exp(records[:, project.LOG_OPACITY]), expected[:3], rtol=1e-5)
 
 
 def test_the_determinant_of_a_needle_does_not_cancel(device):

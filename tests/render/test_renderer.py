@@ -23,9 +23,12 @@ from usdsplat.render.scene import RenderScene
 from usdsplat.render.settings import RenderSettings
 from usdsplat.render.specs import CameraSpec, FieldSpec, Framing, InstanceSpec, View
 
+FOOTPRINT = 0.02
+"""Size of a pixel of the photographs: a part of the splats lies nearer, the others farther away."""
+
 
 @pytest.mark.parametrize("model", ["perspective", "tangential", "orthographic"])
-@pytest.mark.parametrize("rasterize_mode", ["classic", "antialiased"])
+@pytest.mark.parametrize("rasterize_mode", ["classic", "antialiased", "footprint"])
 @pytest.mark.parametrize("sorting", ["zDepth", "cameraDistance"])
 def test_picture_equals_the_reference(model, rasterize_mode, sorting):
     """Oracle: kernels.reference, float64; sheared and mirrored fields, harmonics to degree 4."""
@@ -35,11 +38,12 @@ def test_picture_equals_the_reference(model, rasterize_mode, sorting):
     ]
     hint = "tangential" if model == "tangential" else "perspective"
     ours = picture(
-        scene_of(*parts, projection_mode=hint), view_of(lens(model)),
+        scene_of(*parts, projection_mode=hint, footprint=FOOTPRINT), view_of(lens(model)),
         sorting=sorting, rasterize_mode=rasterize_mode,
     )  # fmt: skip
     expected = reference.render(
-        parts, lens(model), antialiased=rasterize_mode == "antialiased",
+        parts, lens(model),
+        footprint={"classic": np.inf, "antialiased": 0.0, "footprint": FOOTPRINT}[rasterize_mode],
         by_distance=sorting == "cameraDistance",
     )  # fmt: skip
     error = np.abs(ours["color"] - expected.color)

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import pytest
-from pxr import Gf, Usd
+from pxr import Gf, Sdf, Usd
 
 from tests.schema.clouds import cloud, stock_prim, three_points
 from usdsplat import schema
+from usdsplat.core.errors import UsageError
 from usdsplat.schema import hints, tokens
 
 
@@ -83,6 +84,7 @@ def test_modes_are_written_and_read(stage: Usd.Stage, form: str) -> None:
         "rasterize_mode": "antialiased",
         "projection_mode": "tangential",
         "sorting_mode": "rayHitDistance",
+        "footprint": 0.25,
     }
     schema.author(stage, "/Splats", cloud(1), form=form, drawing=schema.DrawingHints(**modes))
     prim = schema.author(stage, "/Splats", cloud(2), form=form)
@@ -99,3 +101,14 @@ def test_modes_that_are_missing_or_unknown_are_the_first(stage: Usd.Stage) -> No
     assert schema.sorting_mode(prim) == "zDepth"
     assert schema.projection_mode(prim) == "perspective"
     assert schema.rasterize_mode(prim) == "classic"
+    assert schema.footprint(prim) is None
+
+
+@pytest.mark.parametrize("size", [0.0, -1.0, float("nan"), float("inf")])
+def test_a_footprint_that_is_no_size_is_not_used(stage: Usd.Stage, size: float) -> None:
+    """Oracle: the documented range."""
+    prim = stage.DefinePrim("/Splats", tokens.STOCK_TYPE)
+    prim.CreateAttribute(tokens.FOOTPRINT, Sdf.ValueTypeNames.Float).Set(size)
+    assert schema.footprint(prim) is None
+    with pytest.raises(UsageError, match=r"footprint: found .*, expected a finite number above 0"):
+        schema.DrawingHints(footprint=size)

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 from pxr import Gf, Sdf, Usd, UsdGeom
 
 from usdsplat import schema
@@ -20,9 +21,10 @@ from usdsplat.core.wording import counted
 from usdsplat.formats import cameras
 from usdsplat.formats.cameras import Lens, Posed
 from usdsplat.formats.cameras.posed import carried
+from usdsplat.interchange.footprint import footprint
 from usdsplat.interchange.placement import OP, identifier, placement
 from usdsplat.interchange.provenance import KEY
-from usdsplat.schema import attributes, stock, tokens
+from usdsplat.schema import DrawingHints, attributes, stock, tokens
 
 SCOPE = "cameras"
 """Name of the scope of cameras, beside the field."""
@@ -89,7 +91,8 @@ def import_cameras(
     stage = field.GetStage()
     group = _free(stage, field.GetPath().GetParentPath().AppendChild(SCOPE))
     UsdGeom.Scope.Define(stage, group)
-    splats = _centres(field)
+    centres = _centres(field)
+    splats = np.concatenate([centres, _corners(field)])
     names = _names([camera.name for camera in found.cameras])
     paths = [group.AppendChild(name) for name in names]
     poses = [carried(camera.to_capture, matrix) for camera in found.cameras]
@@ -101,7 +104,12 @@ def import_cameras(
             progress.step("authoring cameras", done, len(paths))
         _author(stage, path, camera, poses[done], ranges[done])
     progress.step("authoring cameras", len(paths), len(paths))
-    notes = (*found.notes, *_about_lenses([camera.lens for camera in found.cameras]))
+    lenses = [camera.lens for camera in found.cameras]
+    size = footprint(list(zip(lenses, poses, strict=True)), centres)
+    if size is not None:
+        size /= float(np.cbrt(np.linalg.det(_local(field)[:3, :3])))
+        DrawingHints(footprint=size).author(field)
+    notes = (*found.notes, *_about_lenses(lenses))
     return CameraReport(
         source=str(source), format=found.format, prim_paths=tuple(map(str, paths)), notes=notes
     )
@@ -111,8 +119,7 @@ def _to_parent(
     field: Usd.Prim, frame: str, meters_per_unit: float | None, edited: F64 | None
 ) -> F64:
     """Return the matrix from the capture's coordinates to the field's parent space."""
-    xformable = UsdGeom.Xformable(field)
-    matrix: F64 = np.array(xformable.GetLocalTransformation(Usd.TimeCode.Default())).T
+    matrix = _local(field)
     if not field.HasAttribute(OP):  # axes were baked, or needed no change
         turn = placement(field.GetStage(), frame, meters_per_unit).matrix
         _check(turn, UsageError("frame", f"{frame!r}, which is left-handed", "a right-handed one"))
@@ -188,28 +195,40 @@ def _remembered(posed: Posed) -> dict[str, object]:
 
 
 def _centres(field: Usd.Prim) -> F64:
-    """Return some splat centres and the box corners of a field in its parent space, homogeneous.
-
-    The corners come last: eight, or none without an extent.
-    """
+    """Return some splat centres of a field in its parent space, shape (n, 3)."""
     code = Usd.TimeCode.EarliestTime()
     packed = schema.is_packed(field)
     name = tokens.POSITIONS if packed else stock.source_name(field, tokens.POSITIONS)
     found = attributes.array(field, name, code)
     centres = np.empty((0, 3)) if found is None else found
-    centres = centres[:: max(1, -(-len(centres) // _SAMPLED))]
+    return _in_parent(field, centres[:: max(1, -(-len(centres) // _SAMPLED))])
+
+
+def _corners(field: Usd.Prim) -> F64:
+    """Return the corners of a field's extent in its parent space: eight, or none without one."""
+    code = Usd.TimeCode.EarliestTime()
     box = np.asarray(field.GetAttribute(tokens.EXTENT).Get(code) or ())
     corners = np.array(np.meshgrid(*box.T)).reshape(3, 8).T if box.shape == (2, 3) else ()
-    points = np.concatenate([centres, np.reshape(corners, (-1, 3))]).astype(np.float64)
-    points = points[np.isfinite(points).all(axis=1)]
-    local = UsdGeom.Xformable(field).GetLocalTransformation(Usd.TimeCode.Default())
-    return np.column_stack([points, np.ones(len(points))]) @ np.array(local)
+    return _in_parent(field, np.reshape(corners, (-1, 3)))
+
+
+def _local(field: Usd.Prim) -> F64:
+    """Return the transform to the parent space, shape (4, 4), for column vectors."""
+    matrix = UsdGeom.Xformable(field).GetLocalTransformation(Usd.TimeCode.Default())
+    return np.array(matrix).T
+
+
+def _in_parent(field: Usd.Prim, points: npt.ArrayLike) -> F64:
+    """Return the finite ones of some points of a field, in its parent space, shape (n, 3)."""
+    matrix, found = _local(field), np.asarray(points, np.float64)
+    found = found[np.isfinite(found).all(axis=1)]
+    return np.asarray(found @ matrix[:3, :3].T + matrix[:3, 3])
 
 
 def _clipping_range(pose: F64, points: F64) -> tuple[float, float]:
     """Return near and far planes around everything in front of a camera, except very near
     splats."""
-    depths = (points[:, :3] - pose[:3, 3]) @ pose[:3, 2]
+    depths = (points - pose[:3, 3]) @ pose[:3, 2]
     depths = depths[depths > 0]
     if not len(depths):
         return 0.01, 1e4  # nothing is in front of it

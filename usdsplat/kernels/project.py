@@ -43,13 +43,14 @@ CAMERA = np.dtype(
         ("near", "f4"), ("far", "f4"),
         ("low_u", "f4"), ("high_u", "f4"), ("low_v", "f4"), ("high_v", "f4"),
         ("left", "f4"), ("top", "f4"), ("right", "f4"), ("bottom", "f4"),
-        ("low_pass", "f4"), ("projection", "i4"), ("sorting", "i4"), ("antialiased", "i4"),
+        ("low_pass", "f4"), ("projection", "i4"), ("sorting", "i4"), ("trained", "f4"),
     ],
     align=True,  # otherwise a GPU reads it byte by byte
 )  # fmt: skip
 """A view: focal lengths and principal point [pixel], clipping depths, the limits of x/z and y/z for
-the affine approximation, the data window in pixel indices (inclusive), the low-pass [pixel²], and
-the modes."""
+the affine approximation, the data window in pixel indices (inclusive), the low-pass [pixel²], the
+modes, and the low-pass that the splats were trained with, at a distance of one unit [pixel² unit²]:
+infinity if it is the picture's at every distance, 0 if there was none."""
 
 
 # --- 1. mathematics: one splat ---------------------------------------------------------
@@ -109,6 +110,27 @@ def screen_rows(cam, x, y, z, m, q, s):
 
 
 @scalar
+def trained_low_pass(cam, m, x, y, z):
+    """Return the part of the low-pass [pixel²] that a splat at (x, y, z) was trained with.
+
+    The pixels of the photographs have a fixed size at the splat, so their low-pass shrinks with the
+    distance. An instance enlarges it by the mean square of its scales across the view.
+    """
+    one = np.float32(1)
+    if cam.projection == PERSPECTIVE:
+        nearness = one / (z * z)
+    elif cam.projection == TANGENTIAL:
+        nearness = one / (x * x + y * y + z * z)
+    else:
+        nearness = one
+    across = (
+        m[0, 0] * m[0, 0] + m[0, 1] * m[0, 1] + m[0, 2] * m[0, 2]
+        + m[1, 0] * m[1, 0] + m[1, 1] * m[1, 1] + m[1, 2] * m[1, 2]
+    )  # fmt: skip
+    return min(cam.low_pass, np.float32(0.5 * across * cam.trained * nearness))
+
+
+@scalar
 def project_one(cam, m, position, q, s, opacity, record):
     """Fill columns U..HALF_HEIGHT and DEPTH of `record`. Return whether the splat may touch the
     data window.
@@ -134,8 +156,10 @@ def project_one(cam, m, position, q, s, opacity, record):
     low = cam.low_pass
     uu, vv = pp + low, gg + low
     det = area + low * (np.float64(pp) + gg) + low * low
-    if cam.antialiased:
-        opacity = np.float32(opacity * math.sqrt(area / det))
+    if cam.trained < np.inf:
+        kept = trained_low_pass(cam, m, x, y, z)
+        before = area + kept * (np.float64(pp) + gg) + kept * kept
+        opacity = np.float32(opacity * math.sqrt(before / det))
     if not (opacity > np.float32(0)):
         return False
     log_opacity = np.float32(math.log(opacity))

@@ -92,6 +92,18 @@ def _jacobians(lens: Lens, p: F64) -> F64:
     return jacobian
 
 
+def _trained(lens: Lens, p: F64, size: F64) -> F64:
+    """Return the low-pass of pixels of `size` [scene unit] at centres `p` in camera space [pixel²],
+    at most the picture's own."""
+    depth = {
+        "perspective": p[:, 2],
+        "tangential": np.linalg.norm(p, axis=1),
+        "orthographic": np.ones(len(p)),
+    }[lens.model]
+    fx, fy = lens.focal
+    return np.asarray(np.minimum(0.3, 0.3 * size**2 * fx * fy / depth**2))
+
+
 def _directions(lens: Lens, centers: F64, linear: F64) -> F64:
     """Return view directions in a cloud's local space; `linear` is the 3x3 of its transform."""
     camera_to_world = np.linalg.inv(lens.world_to_camera)
@@ -127,7 +139,7 @@ def footprints(
     clouds: Sequence[tuple[SplatCloud, F64]],
     lens: Lens,
     *,
-    antialiased: bool = False,
+    footprint: float = np.inf,
     by_distance: bool = False,
     degree: int = 4,
 ) -> Footprints:
@@ -141,8 +153,10 @@ def footprints(
         color = harmonics.evaluate(
             cloud.sh[:, :k].astype(np.float64), _directions(lens, centers, linear)
         )
-        parts.append((centers, axes @ axes.transpose(0, 2, 1), cloud.opacities, color))
-    centers, covariances, opacities, colors = (
+        across = lens.world_to_camera[:2, :3] @ linear
+        size = np.full(len(cloud), np.sqrt(np.sum(across**2) / 2.0))
+        parts.append((centers, axes @ axes.transpose(0, 2, 1), cloud.opacities, color, size))
+    centers, covariances, opacities, colors, sizes = (
         np.concatenate(column) for column in zip(*parts, strict=True)
     )
     view = lens.world_to_camera
@@ -153,9 +167,10 @@ def footprints(
     jacobians = _jacobians(lens, p)
     sharp = jacobians @ solid @ jacobians.transpose(0, 2, 1)
     screen = sharp + 0.3 * np.eye(2)
-    if antialiased:
+    if footprint < np.inf:
+        trained = sharp + _trained(lens, p, sizes[keep] * footprint)[:, None, None] * np.eye(2)
         opacities = opacities * np.sqrt(
-            np.maximum(np.linalg.det(sharp), 0.0) / np.linalg.det(screen)
+            np.maximum(np.linalg.det(trained), 0.0) / np.linalg.det(screen)
         )
     scale = 1.0 if lens.model == "orthographic" else 1.0 / p[:, 2:]
     pixel = p[:, :2] * scale * lens.focal + lens.center
@@ -178,16 +193,17 @@ def render(
     clouds: Sequence[tuple[SplatCloud, F64]],
     lens: Lens,
     *,
-    antialiased: bool = False,
+    footprint: float = np.inf,
     by_distance: bool = False,
     degree: int = 4,
 ) -> Picture:
     """Render clouds, each with its 4x4 local-to-world matrix, in the space of their harmonics.
 
-    `by_distance` sorts by distance from the eye instead of planar depth. `degree` is the highest
-    evaluated degree of harmonics.
+    `footprint` is the size of a pixel of the photographs in the clouds' space: infinity for classic
+    splats, 0 for antialiased ones. `by_distance` sorts by distance from the eye instead of planar
+    depth. `degree` is the highest evaluated degree of harmonics.
     """
-    seen = footprints(clouds, lens, antialiased=antialiased, by_distance=by_distance, degree=degree)
+    seen = footprints(clouds, lens, footprint=footprint, by_distance=by_distance, degree=degree)
     return _blend(
         lens, seen.pixel, seen.screen, seen.opacity, seen.color, seen.camera[:, 2], seen.row
     )

@@ -119,6 +119,7 @@ def _of_field(prim: Usd.Prim, time: float | None) -> dict[str, Any]:
         "sampled": [numeric[0], numeric[-1]] if numeric else None,
         "color_space": schema.color_space(prim),
         "rasterize_mode": schema.rasterize_mode(prim),
+        "footprint": schema.footprint(prim),
         "projection_mode": schema.projection_mode(prim),
         "sorting_mode": schema.sorting_mode(prim),
         "purpose": str(imageable.ComputePurpose()),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -21,6 +22,7 @@ from usdsplat.render.matte import is_matte
 from usdsplat.render.scene import RenderScene
 from usdsplat.render.screen import Screen
 from usdsplat.render.settings import RenderSettings
+from usdsplat.render.specs import FieldSpec
 
 DOT_REACH = 4
 """Distance beyond the data window within which display mode points keeps splats [pixel]. Their dots
@@ -241,16 +243,22 @@ class Projector:
 
     def record(self, group: Group) -> npt.NDArray[Any]:
         """Return the CAMERA record of `project` for a group."""
-        spec, mode = group.field.spec, self.settings.rasterize_mode
-        shape = self.settings.display_mode
+        spec = group.field.spec
         return self._screen.record(
             tangential=spec.projection_mode == "tangential",
             by_distance=self.settings.sorting == "cameraDistance",
-            antialiased=(spec.rasterize_mode if mode == "auto" else mode) == "antialiased"
-            and shape
-            not in ("points", "ellipses"),  # antialiasing would make them vanish in the distance
-            margin=DOT_REACH if shape == "points" else 0,
+            footprint=self._footprint(spec),
+            margin=DOT_REACH if self.settings.display_mode == "points" else 0,
         )
+
+    def _footprint(self, spec: FieldSpec) -> float:
+        """Return the size of a pixel from which on the low-pass lowers the opacity [local unit]."""
+        mode = self.settings.rasterize_mode
+        if mode == "auto" or (mode == "footprint" and not spec.footprint):
+            mode = spec.rasterize_mode
+        if mode == "classic" or self.settings.display_mode in ("points", "ellipses"):
+            return math.inf  # points and ellipses would otherwise vanish in the distance
+        return spec.footprint if mode == "footprint" else 0.0
 
     def _project(self, group: Group, out: Any, found: I32) -> None:
         keep, run = self._device.keep, self._device.run

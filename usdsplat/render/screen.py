@@ -128,11 +128,16 @@ class Screen:
             y0 = end
 
     def record(
-        self, *, tangential: bool, by_distance: bool, antialiased: bool, margin: int = 0
+        self, *, tangential: bool, by_distance: bool, footprint: float, margin: int = 0
     ) -> npt.NDArray[Any]:
         """Return the CAMERA record of the kernels, shape (1,).
 
-        Splats up to `margin` pixels outside the data window are kept.
+        Args:
+            tangential: Whether each splat is projected on the plane across its viewing ray.
+            by_distance: Whether splats are sorted by distance instead of planar depth.
+            footprint: Size of a pixel of the photographs at the splats [local unit]: infinity for
+                classic splats, 0 for antialiased ones.
+            margin: Splats up to so many pixels outside the data window are kept.
         """
         (fx, fy), (cx, cy), (width, height) = self.focal, self.center, self.size
         x0, y0, x1, y1 = self.window
@@ -159,5 +164,5 @@ class Screen:
             else project.PERSPECTIVE
         )
         record["sorting"] = project.SORT_DISTANCE if by_distance else project.SORT_Z
-        record["antialiased"] = antialiased
+        record["trained"] = project.LOW_PASS * footprint**2 * fx * fy
         return record

@@ -21,10 +21,11 @@ class RenderSettings:
     sorting: Literal["auto", "zDepth", "cameraDistance", "rayHitDistance"] = knob(
         "auto", "order of all splats of a picture; auto follows the prims if they agree"
     )
-    rasterize_mode: Literal["auto", "classic", "antialiased"] = knob(
+    rasterize_mode: Literal["auto", "classic", "antialiased", "footprint"] = knob(
         "auto",
         "how the low-pass filter, which enlarges small splats, changes opacity: classic keeps it, "
-        "antialiased lowers it to preserve the sum; auto follows each prim",
+        "antialiased lowers it to preserve the sum, footprint keeps it as far as the photographs' "
+        "pixels enlarged the splat, where their size is authored; auto follows each prim",
     )
     sh_degree: int = knob(4, "highest harmonic degree evaluated", range=(0, 4))
     display_mode: Literal["splats", "points", "ellipses", "normals"] = knob(

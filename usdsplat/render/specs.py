@@ -16,7 +16,7 @@ Matrix = tuple[float, ...]
 
 IDENTITY: Matrix = (1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 
-RasterizeMode = Literal["classic", "antialiased"]
+RasterizeMode = Literal["classic", "antialiased", "footprint"]
 ProjectionMode = Literal["perspective", "tangential"]
 SortingMode = Literal["zDepth", "cameraDistance", "rayHitDistance"]
 CropShape = Literal["sphere", "cube", "cylinder", "cone", "capsule", "plane"]
@@ -49,6 +49,8 @@ class FieldSpec:
     rasterize_mode: RasterizeMode = "classic"
     projection_mode: ProjectionMode = "perspective"
     sorting_mode: SortingMode = "zDepth"
+    footprint: float = 0.0
+    """Size of a pixel of the photographs at the splats [local unit]; 0 if unknown."""
     grade: tuple[float, ...] = NO_GRADE
     """The prim's grade for linear RGB in the primaries of `color_space`, a 3x3 matrix, row-major.
     Exposure, white balance, gain, saturation and matrix are all linear, so one matrix holds them

@@ -26,6 +26,7 @@ from usdsplat.schema.grading import author_grade, grade, is_grade_varying  # noq
 from usdsplat.schema.hints import (  # noqa: E402
     DrawingHints,
     color_space,
+    footprint,
     is_known_color_space,
     projection_mode,
     rasterize_mode,
@@ -53,6 +54,7 @@ __all__ = [
     "error_bounds",
     "fetch",
     "fetch_packed",
+    "footprint",
     "form_of",
     "grade",
     "harmonics_width",

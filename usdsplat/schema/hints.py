@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from pxr import Gf, Sdf, Usd
@@ -25,6 +26,8 @@ class DrawingHints:
     """"perspective" or "tangential"."""
     sorting_mode: str | None = None
     """"zDepth", "cameraDistance" or "rayHitDistance"."""
+    footprint: float | None = None
+    """Size of a pixel of the photographs at the splats [local unit], above 0."""
 
     def __post_init__(self) -> None:
         for name, allowed in (
@@ -35,9 +38,11 @@ class DrawingHints:
             value = getattr(self, name)
             if value is not None and value not in allowed:
                 raise UsageError(name, repr(value), f"one of {', '.join(allowed)}")
+        if self.footprint is not None and not 0 < self.footprint < math.inf:
+            raise UsageError("footprint", f"{self.footprint:g}", "a finite number above 0")
 
     def author(self, prim: Usd.Prim) -> None:
-        """Write the hints that are given as uniform tokens of a prim."""
+        """Write the hints that are given as uniform attributes of a prim."""
         for name, value in (
             (tokens.RASTERIZE_MODE, self.rasterize_mode),
             (tokens.PROJECTION_MODE, self.projection_mode),
@@ -45,6 +50,8 @@ class DrawingHints:
         ):
             if value is not None:
                 set_uniform(prim, name, Sdf.ValueTypeNames.Token, value)
+        if self.footprint is not None:
+            set_uniform(prim, tokens.FOOTPRINT, Sdf.ValueTypeNames.Float, self.footprint)
 
 
 def color_space(prim: Usd.Prim) -> str:
@@ -76,6 +83,14 @@ def written_color_space(prim: Usd.Prim) -> str:
 def rasterize_mode(prim: Usd.Prim) -> str:
     """Return "classic" or "antialiased"; any other value counts as classic."""
     return _token(prim, tokens.RASTERIZE_MODE, tokens.RASTERIZE_MODES)
+
+
+def footprint(prim: Usd.Prim) -> float | None:
+    """Return the size of a pixel of the photographs at the splats [local unit]; None if it is not
+    authored or not a finite number above 0."""
+    attribute = prim.GetAttribute(tokens.FOOTPRINT)
+    value = attribute.Get() if attribute else None
+    return value if isinstance(value, float) and 0 < value < math.inf else None
 
 
 def projection_mode(prim: Usd.Prim) -> str:

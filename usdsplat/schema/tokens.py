@@ -43,6 +43,7 @@ OPACITIES_HALF = "opacitiesh"
 SH_COEFFICIENTS_HALF = "radiance:sphericalHarmonicsCoefficientsh"
 
 RASTERIZE_MODE = "splat:rasterizeMode"
+FOOTPRINT = "splat:sampling:footprint"
 PACKING = "splat:packing"
 PACKED = "splat:packed"
 PACKED_HARMONICS = "splat:packedHarmonics"

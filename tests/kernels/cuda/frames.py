@@ -56,6 +56,7 @@ def view_of(matrices: Any = None, size: tuple[int, int] = SIZE) -> FrameView:
     camera["fx"] = camera["fy"] = FOCAL
     camera["cx"], camera["cy"] = size[0] / 2 - 0.5, size[1] / 2 - 0.5
     camera["near"], camera["far"], camera["low_pass"] = 0.01, 1e10, LOW_PASS
+    camera["trained"] = np.inf
     for axis, length in (("u", size[0]), ("v", size[1])):
         camera[f"high_{axis}"] = 1.3 * length / 2 / FOCAL
         camera[f"low_{axis}"] = -1.3 * length / 2 / FOCAL

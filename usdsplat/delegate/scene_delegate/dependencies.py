@@ -18,6 +18,7 @@ FIELD_PROPERTIES = (
     | schema.GRADE_ATTRIBUTES
     | {
         schema.tokens.RASTERIZE_MODE,
+        schema.tokens.FOOTPRINT,
         schema.tokens.PROJECTION_MODE,
         schema.tokens.SORTING_MODE,
     }

@@ -32,10 +32,12 @@ def read_field(prim: Usd.Prim, time: float | None) -> FieldSpec | None:
     cloud = schema.fetch(prim, time)
     if not len(cloud):
         return None
+    mode, footprint = cast(RasterizeMode, schema.rasterize_mode(prim)), schema.footprint(prim)
     return FieldSpec(
         cloud=cloud,
         color_space=space,
-        rasterize_mode=cast(RasterizeMode, schema.rasterize_mode(prim)),
+        rasterize_mode="footprint" if footprint and mode == "classic" else mode,
+        footprint=footprint or 0.0,
         projection_mode=cast(ProjectionMode, schema.projection_mode(prim)),
         sorting_mode=cast(SortingMode, schema.sorting_mode(prim)),
         grade=grade_matrix(schema.grade(prim, time), space),
