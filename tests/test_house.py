@@ -164,6 +164,9 @@ RAW = {
     "ComputeRelativeTransform",
     "ComputeWorldBound",
     "ComputeUntransformedBound",
+    "ComputeExtentsHint",
+    "GetLocalTransformation",
+    "GetOrderedXformOps",
 }
 
 

@@ -5,9 +5,11 @@ from __future__ import annotations
 import json
 
 import pytest
+from pxr import Gf, UsdGeom
 
-from tests.products.mutated_stages import MUTATIONS, mutated
+from tests.products.mutated_stages import MUTATIONS, base, mutated
 from usdsplat.core.findings import finding
+from usdsplat.products.checking import MOST_TIMES
 
 pytestmark = pytest.mark.usefixtures("compiled")
 
@@ -48,3 +50,21 @@ def test_whatever_render_says_validate_says(run, tmp_path, seed):
 def test_every_mistake_is_made():
     """Oracle: the seeds of the contract go through the table several times."""
     assert len(MUTATIONS) * 3 < COUNT
+
+
+def test_more_times_than_are_checked_are_said_and_the_last_is_checked(run, tmp_path):
+    """Oracle: a mistake at the last of too many samples, and the number that is authored."""
+    path = tmp_path / "long.usda"
+    stage = base(path)
+    mesh = UsdGeom.Mesh(stage.GetPrimAtPath("/W/Floor"))
+    op = mesh.AddTranslateOp()
+    for time in range(2 * MOST_TIMES):
+        op.Set(Gf.Vec3d(0, 0, 0), time)
+    mesh.GetFaceVertexIndicesAttr().Set([0, 1, 2, 3], 2 * MOST_TIMES - 2)
+    mesh.GetFaceVertexIndicesAttr().Set([0, 1, 2, 99], 2 * MOST_TIMES - 1)
+    stage.SetEndTimeCode(2 * MOST_TIMES - 1)
+    stage.GetRootLayer().Save()
+    _, out, _ = run("validate", path, "--json")
+    findings = {each["code"]: each for each in json.loads(out)["findings"]}
+    assert findings["not-all-checked"]["found"] == f"{2 * MOST_TIMES} times with a sample"
+    assert findings["not-drawn"]["path"] == "/W/Floor"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from pxr import Gf, Usd, UsdGeom
+from pxr import Gf, Sdf, Usd, UsdGeom
 
 from usdsplat.schema.composition import composition_findings
 
@@ -91,3 +91,29 @@ def test_the_ops_of_metrics_assemblers_are_recognised(shot):
     place.AddScaleOp(opSuffix="unitsResolve").Set(Gf.Vec3f(1))
     place.AddRotateXOp(opSuffix="unitsResolve").Set(0.0)
     assert found_in(shot) == []
+
+
+def test_a_mismatch_within_instances_is_found_once(shot):
+    """Oracle: the shot's own asset, referenced by the prims of two instances."""
+    library = shot.GetPrimAtPath("/Set")
+    for name in ("A", "B"):
+        prim = shot.DefinePrim(f"/{name}")
+        prim.GetReferences().AddInternalReference(library.GetPath())
+        prim.SetInstanceable(True)
+    expected = [*BOTH, ("axes-mismatch", "/A/Asset"), ("units-mismatch", "/A/Asset")]
+    assert sorted(found_in(shot)) == sorted(expected)
+
+
+def test_a_missing_value_clip_is_found(tmp_path):
+    """Oracle: the clips authored here, of which one does not exist, and a missing manifest."""
+    Usd.Stage.CreateNew(str(tmp_path / "a.1.usda")).Save()
+    stage = Usd.Stage.CreateNew(str(tmp_path / "shot.usda"))
+    clips = Usd.ClipsAPI(stage.DefinePrim("/A"))
+    clips.SetClipAssetPaths([Sdf.AssetPath("./a.1.usda"), Sdf.AssetPath("./a.2.usda")])
+    clips.SetClipManifestAssetPath(Sdf.AssetPath("./none.usda"))
+    clips.SetClipPrimPath("/A")
+    found = [(each.code, each.path, each.found) for each in composition_findings(stage)]
+    assert found == [
+        ("missing-asset", "/A", "no file ./a.2.usda for a value clip"),
+        ("missing-asset", "/A", "no file ./none.usda for a value clip"),
+    ]

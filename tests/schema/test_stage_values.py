@@ -5,13 +5,17 @@ from __future__ import annotations
 import math
 
 import pytest
-from pxr import Gf, Usd, UsdGeom
+from pxr import Gf, Sdf, Usd, UsdGeom
 
 from usdsplat.core.errors import StageError
 from usdsplat.schema.stage_values import (
     are_finite,
+    extents_hint,
+    in_world,
     local_to_ancestor,
     local_to_world,
+    local_transform,
+    ops_of,
     parent_to_world,
     unknown_ops,
     up_axis,
@@ -71,6 +75,23 @@ def test_an_unknown_op_is_an_error_that_names_the_prim_with_the_op(stage: Usd.St
             asked()
 
 
+def test_the_ops_of_a_prim_are_usds_or_an_error(stage: Usd.Stage) -> None:
+    """Oracle: the ops that are authored; a sphere without ops and a scope have none."""
+    assert [op.GetOpName() for op in ops_of(stage.GetPrimAtPath("/Good"))] == ["xformOp:translate"]
+    assert ops_of(stage.GetPrimAtPath("/Good/Ball")) == []
+    assert ops_of(stage.DefinePrim("/Scope", "Scope")) == []
+    bad = stage.GetPrimAtPath("/Good/Bad")
+    bad.CreateAttribute("xformOp:wobble:x", Sdf.ValueTypeNames.Double).Set(1.0)
+    model, cache = UsdGeom.ModelAPI(stage.GetPrimAtPath("/Good")), UsdGeom.BBoxCache(0, ["default"])
+    for asked in (
+        lambda: ops_of(bad),
+        lambda: local_transform(bad, Usd.TimeCode.Default()),
+        lambda: extents_hint(model, cache),
+    ):
+        with pytest.raises(StageError, match=r"/Good/Bad\.xformOpOrder: found 'xformOp:wobble:x'"):
+            asked()
+
+
 def test_ops_without_a_meaning_or_an_attribute_are_found() -> None:
     """Oracle: written out by hand; USD leaves out an op without an attribute without an error."""
     stage = Usd.Stage.CreateInMemory()
@@ -107,3 +128,23 @@ def test_an_up_axis_that_usd_does_not_allow_counts_as_y(authored: str, axis: str
 def test_numbers_that_are_not_finite_are_found_in_any_value(value: object, expected: bool) -> None:
     """Oracle: written out by hand."""
     assert are_finite(value) == expected
+
+
+def test_equal_instances_are_seen_once() -> None:
+    """Oracle: written out by hand; what is below the first of two instances, also of nested ones,
+    and each prim that is an instance."""
+    stage = Usd.Stage.CreateInMemory()
+    UsdGeom.Sphere.Define(stage, "/Ball/Sphere")
+    stage.DefinePrim("/Pair")
+    for name in ("Left", "Right"):
+        ball = stage.DefinePrim(f"/Pair/{name}")
+        ball.GetReferences().AddInternalReference("/Ball")
+        ball.SetInstanceable(True)
+        pair = stage.DefinePrim(f"/{name}")
+        pair.GetReferences().AddInternalReference("/Pair")
+        pair.SetInstanceable(True)
+    stage.OverridePrim("/Ball").SetActive(True)
+    found = [str(prim.GetPath()) for prim in in_world(stage)]
+    below = [path for path in found if path.endswith("Sphere")]
+    assert below == ["/Ball/Sphere", "/Pair/Left/Sphere"]
+    assert {"/Pair/Right", "/Left", "/Right", "/Left/Right"} <= set(found)

@@ -183,6 +183,11 @@ CODES: dict[str, Code] = {
         "check focalLength, fStop and focusDistance: USD's focal lengths are in tenths of a scene "
         "unit, so that millimetres need a metersPerUnit of 0.01",
     ),
+    "not-all-checked": Code(
+        "note",
+        "a stage has samples at too many times to check each of them",
+        "check a time with --time, or a part of the stage",
+    ),
     "nothing-checked": Code(
         "warning",
         "a stage has nothing to check",

@@ -11,6 +11,7 @@ from collections import Counter
 from collections.abc import Iterator
 from dataclasses import replace
 
+import numpy as np
 from pxr import Usd, UsdRender, UsdShade
 
 from usdsplat import schema
@@ -60,7 +61,7 @@ def check_stage(
     findings.extend(composition_findings(stage))
     findings.extend(schema.validate(stage, time=time, progress=progress))
     findings.extend(validate_simulations(stage, time=time))
-    times = [time] if time is not None else _times(stage)
+    times = [time] if time is not None else _some(_times(stage), findings)
     with Engine(stage, device="cpu", time=times[0]) as engine:
         plans, products = _plans(engine, stage, findings)
         purposes = {purpose for plan in plans for purpose in plan.purposes}
@@ -150,7 +151,18 @@ def _times(stage: Usd.Stage) -> list[float]:
         for attribute in prim.GetAuthoredAttributes():
             if attribute.ValueMightBeTimeVarying():
                 times.update(attribute.GetTimeSamples())
-    return [first, *sorted(times - {first})[: MOST_TIMES - 1]]
+    return [first, *sorted(times - {first})]
+
+
+def _some(times: list[float], findings: Findings) -> list[float]:
+    """Return at most MOST_TIMES of some times, evenly spaced, the first and the last included."""
+    if len(times) <= MOST_TIMES:
+        return times
+    found = f"{len(times)} times with a sample"
+    expected = f"at most {MOST_TIMES}: as many were checked, evenly spaced"
+    findings.add(finding("not-all-checked", "/", found, expected))
+    rows = np.linspace(0, len(times) - 1, MOST_TIMES).round().astype(int)
+    return [times[row] for row in rows]
 
 
 def _looked_at(stage: Usd.Stage, engine: Engine, *, products: int, frames: int) -> Counter[str]:

@@ -116,7 +116,7 @@ def picture_header(engine: Engine, plan: PicturePlan, view: View, *, origin: Ori
             per_second=info.time_codes_per_second,
             shutter=view.camera.shutter,
         ),
-        **origin_metadata(source_hash(info.files)),
+        **origin_metadata(source_hash(info.files, info.clips)),
         **picture_metadata(
             stage=origin.stage,
             frame=origin.frame,

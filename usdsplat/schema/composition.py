@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 
 from pxr import Pcp, Usd
 
 from usdsplat.core.findings import Finding, finding
 from usdsplat.schema.metrics import metrics_findings
+from usdsplat.schema.value_clips import clip_assets
 
 _ASSET = re.compile(r"Could not open asset @(.*?)@ for (\w+) introduced by .*?( -- .*)?$")
 _SUBLAYER = re.compile(r"Could not load sublayer @(.*?)@ of layer @(.*?)@(.*)")
@@ -19,8 +21,9 @@ _ANONYMOUS = re.compile(r",?@anon:[^@]*@")
 
 def composition_findings(stage: Usd.Stage) -> list[Finding]:
     """Return what the arcs of a stage ask for and do not get: a finding for each composition error,
-    except muted layers, and for each asset with another unit or up axis; by path."""
-    found = [*_errors(stage), *metrics_findings(stage)]
+    except muted layers, each missing value clip, and each asset with another unit or up axis; by
+    path."""
+    found = [*_errors(stage), *_missing_clips(stage), *metrics_findings(stage)]
     once = {each.key: each for each in found}
     return sorted(once.values(), key=lambda each: (each.path, each.found))
 
@@ -43,6 +46,14 @@ def _errors(stage: Usd.Stage) -> list[Finding]:
     known = {str(error) for _, error in placed}
     placed += [(_site(error), error) for error in errors if str(error) not in known]
     return [_finding(path, error) for path, error in placed]
+
+
+def _missing_clips(stage: Usd.Stage) -> Iterator[Finding]:
+    """Yield a finding for each layer of value clips that does not exist."""
+    for prim, asset in clip_assets(stage):
+        if not asset.resolvedPath:
+            found = f"no file {asset.path} for a value clip"
+            yield finding("missing-asset", str(prim.GetPath()), found, "a layer that USD can read")
 
 
 def _finding(path: str, error: Pcp.ErrorBase) -> Finding:

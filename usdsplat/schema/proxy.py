@@ -98,7 +98,11 @@ def place(field: Usd.Prim, points: Usd.Prim | None = None) -> None:
     if not points:
         return
     xformable = UsdGeom.Xformable(field)
-    copied = {op.GetAttr().GetName(): op.GetAttr() for op in xformable.GetOrderedXformOps()}
+    copied = {
+        name: field.GetAttribute(name)
+        for name in field.GetAuthoredPropertyNames()
+        if name.startswith("xformOp:")
+    }
     for attribute in (xformable.GetXformOpOrderAttr(), xformable.GetVisibilityAttr()):
         if attribute.HasAuthoredValue():
             copied[attribute.GetName()] = attribute

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator
 from typing import Any, Literal, cast
 
 import numpy as np
-from pxr import Gf, Tf, Usd, UsdGeom
+from pxr import Gf, Sdf, Tf, Usd, UsdGeom, Vt
 
 from usdsplat.core.errors import StageError
 
@@ -28,6 +28,19 @@ _INVERSE = "!invert!"
 _RESET = "!resetXformStack!"
 
 
+def in_world(stage: Usd.Stage) -> Iterator[Usd.Prim]:
+    """Yield the prims of a stage as they are seen in the world, what is in equal instances once."""
+    seen: set[Sdf.Path] = set()
+    prims = iter(Usd.PrimRange.Stage(stage, Usd.TraverseInstanceProxies()))
+    for prim in prims:
+        yield prim
+        if prim.IsInstance():
+            prototype = prim.GetPrototype().GetPath()
+            if prototype in seen:
+                prims.PruneChildren()
+            seen.add(prototype)
+
+
 def up_axis(stage: Usd.Stage) -> UpAxis:
     """Return the stage's up axis; `ASSUMED` if its value is no axis that USD allows."""
     found = str(UsdGeom.GetStageUpAxis(stage))
@@ -40,6 +53,31 @@ def up_axis_problem(stage: Usd.Stage) -> StageError | None:
     if found in UP_AXES:
         return None
     return StageError("stage upAxis", repr(found), f"Y or Z; {ASSUMED} is assumed")
+
+
+def ops_of(prim: Usd.Prim) -> list[UsdGeom.XformOp]:
+    """Return the transform ops of a prim in their order; none for a prim without a transform.
+
+    Raises:
+        StageError: If the prim has a transform op that USD does not know.
+    """
+    xformable = UsdGeom.Xformable(prim)
+    try:
+        return list(xformable.GetOrderedXformOps()) if xformable else []
+    except Tf.ErrorException:
+        raise _bad_op(prim) from None
+
+
+def local_transform(prim: Usd.Prim, time: Usd.TimeCode) -> Gf.Matrix4d:
+    """Return the transform from a prim to its parent.
+
+    Raises:
+        StageError: As `ops_of`.
+    """
+    try:
+        return UsdGeom.Xformable(prim).GetLocalTransformation(time)
+    except Tf.ErrorException:
+        raise _bad_op(prim) from None
 
 
 def local_to_world(prim: Usd.Prim, cache: UsdGeom.XformCache) -> Gf.Matrix4d:
@@ -94,6 +132,19 @@ def world_bound(prim: Usd.Prim, cache: UsdGeom.BBoxCache) -> Gf.BBox3d:
     except Tf.ErrorException:
         cache.Clear()  # it would leave out the op, without an error, when asked again
         raise _bad_op(prim, below=True) from None
+
+
+def extents_hint(model: UsdGeom.ModelAPI, cache: UsdGeom.BBoxCache) -> Vt.Vec3fArray:
+    """Return the bounds of a model for each purpose.
+
+    Raises:
+        StageError: If a transform op at or below the model is unknown to USD.
+    """
+    try:
+        return model.ComputeExtentsHint(cache)
+    except Tf.ErrorException:
+        cache.Clear()
+        raise _bad_op(model.GetPrim(), below=True) from None
 
 
 def unknown_ops(prim: Usd.Prim) -> Iterator[str]:

@@ -44,16 +44,13 @@ from usdsplat.schema.stage_values import up_axis, up_axis_problem
 
 T = TypeVar("T")
 
-_NOWHERE: F64 = np.full((4, 4), np.nan)
-"""Transform of an appearance that cannot be placed; it is not drawn."""
-
 LOG = logging.getLogger("usdsplat")
 """Logs each prim that is not drawn once, for Python users; commands print it too."""
 
-NOWHERE = np.full((4, 4), np.nan)
-"""Transform of a prim whose own cannot be read."""
+NOWHERE: F64 = np.full((4, 4), np.nan)
+"""Transform of an appearance that cannot be placed; it is not drawn."""
 
-CODES = {
+UNREADABLE = {
     "field": "not-drawn",
     "mesh": "not-drawn",
     "instancer": "bad-instancer",
@@ -115,9 +112,10 @@ class UsdSceneDelegate:
             found.append(from_error("bad-up-axis", wrong))
         for (path, kind), why in self.problems.items():
             if self._is_of_interest(path, kind):
-                found.append(from_error(CODES[kind], why))
-        for each in self._remarks.values():
-            found += each
+                found.append(from_error(UNREADABLE[kind], why))
+        for (path, kind), remarks in self._remarks.items():
+            if kind == "shutter" or self._is_visible(path):
+                found += remarks
         for path, reader in self._meshes.items():
             if self._is_of_interest(path, "mesh") and (path, "mesh") not in self.problems:
                 found += reader.findings
@@ -332,6 +330,11 @@ class UsdSceneDelegate:
         if kind == "mesh":
             return self._index.meshes[path].is_seen
         return kind != "field" or self._index.fields[path].is_seen
+
+    def _is_visible(self, path: str) -> bool:
+        """Return whether a field or a mesh is visible and has a drawn purpose."""
+        index = self._index
+        return (index.fields[path] if path in index.fields else index.meshes[path]).is_visible
 
     def _appearances(self, path: str) -> tuple[Appearance, ...]:
         known = self._population
