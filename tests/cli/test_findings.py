@@ -28,6 +28,8 @@ EXPECTED = {
     "metallic": ("unsupported-input", "/W/Mat/S"),
     "emission": ("unsupported-input", "/W/Mat/S"),
     "surface": ("unsupported-surface", "/W/Mat/S"),
+    "mode": ("unknown-mode", "/W/Ball"),
+    "below an instance": ("ignored-opinion", "/W/Copy/Shape"),
     "grade": ("unknown-name", "/W/Ball"),
     "samples": ("unknown-name", "/Render/Settings"),
     "crop": ("missing-prim", "/W/Ball"),

@@ -111,6 +111,14 @@ def _texture(stage: Usd.Stage) -> None:
     shader.CreateInput("diffuseColor", F.Color3f).ConnectToSource(output)
 
 
+def _below_instance(stage: Usd.Stage) -> None:
+    UsdGeom.Sphere.Define(stage, "/Library/Ball/Shape")
+    copy = stage.DefinePrim("/W/Copy")
+    copy.GetReferences().AddInternalReference("/Library/Ball")
+    UsdGeom.Sphere(stage.OverridePrim("/W/Copy/Shape")).CreateRadiusAttr(2.0)
+    copy.SetInstanceable(True)
+
+
 def _instancer(stage: Usd.Stage) -> None:
     scatter = UsdGeom.PointInstancer.Define(stage, "/W/Scatter")
     scatter.CreatePrototypesRel().SetTargets(["/W/None"])
@@ -133,6 +141,8 @@ MUTATIONS: dict[str, Callable[[Usd.Stage], None]] = {
     "emission": put("/W/Mat/S.inputs:emissiveColor", F.Color3f, (5, 5, 5)),
     "surface": put("/W/Mat/S.info:id", F.Token, "ND_standard_surface"),
     "texture": _texture,
+    "mode": put("/W/Ball.splat:rasterizeMode", F.Token, "sideways"),
+    "below an instance": _below_instance,
     "grade": put("/W/Ball.splat:grade:exposre", F.Float, 1.0),
     "illegal grade": put("/W/Ball.splat:grade:temperature", F.Float, 10.0),
     "samples": put("/Render/Settings.splat:sampels", F.Int, 4),

@@ -117,3 +117,15 @@ def test_a_missing_value_clip_is_found(tmp_path):
         ("missing-asset", "/A", "no file ./a.2.usda for a value clip"),
         ("missing-asset", "/A", "no file ./none.usda for a value clip"),
     ]
+
+
+def test_what_is_authored_below_an_instance_is_found():
+    """Oracle: the overs authored here; those on the instance itself and on other prims count."""
+    stage = Usd.Stage.CreateInMemory()
+    UsdGeom.Sphere.Define(stage, "/Asset/Ball")
+    for name in ("Shared", "Own"):
+        prim = stage.DefinePrim(f"/{name}")
+        prim.GetReferences().AddInternalReference("/Asset")
+        UsdGeom.Sphere(stage.OverridePrim(f"/{name}/Ball")).CreateRadiusAttr(2.0)
+    stage.GetPrimAtPath("/Shared").SetInstanceable(True)
+    assert found_in(stage) == [("ignored-opinion", "/Shared/Ball")]

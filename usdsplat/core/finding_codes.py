@@ -44,6 +44,12 @@ CODES: dict[str, Code] = {
         "USD cannot compose a part of the stage as authored",
         "correct the composition arc that the sentence names",
     ),
+    "ignored-opinion": Code(
+        "warning",
+        "a layer has opinions on a prim below an instance, which USD ignores",
+        "author them on the instance or in its asset, or turn off instanceable",
+        "they have no effect",
+    ),
     "units-mismatch": Code(
         "warning",
         "an asset has another metersPerUnit than the layer that refers to it",

@@ -21,9 +21,9 @@ _ANONYMOUS = re.compile(r",?@anon:[^@]*@")
 
 def composition_findings(stage: Usd.Stage) -> list[Finding]:
     """Return what the arcs of a stage ask for and do not get: a finding for each composition error,
-    except muted layers, each missing value clip, and each asset with another unit or up axis; by
-    path."""
-    found = [*_errors(stage), *_missing_clips(stage), *metrics_findings(stage)]
+    except muted layers, each missing value clip, each prim that is authored below an instance, and
+    each asset with another unit or up axis; by path."""
+    found = [*_errors(stage), *_missing_clips(stage), *_ignored(stage), *metrics_findings(stage)]
     once = {each.key: each for each in found}
     return sorted(once.values(), key=lambda each: (each.path, each.found))
 
@@ -54,6 +54,20 @@ def _missing_clips(stage: Usd.Stage) -> Iterator[Finding]:
         if not asset.resolvedPath:
             found = f"no file {asset.path} for a value clip"
             yield finding("missing-asset", str(prim.GetPath()), found, "a layer that USD can read")
+
+
+def _ignored(stage: Usd.Stage) -> Iterator[Finding]:
+    """Yield a finding for each prim below an instance that the stage's own layers have opinions
+    on: USD ignores them, because equal instances share their prims."""
+    for prim in stage.Traverse():
+        if not prim.IsInstance():
+            continue
+        specs = [layer.GetPrimAtPath(prim.GetPath()) for layer in stage.GetLayerStack()]
+        for name in sorted({child.name for spec in specs if spec for child in spec.nameChildren}):
+            found = "opinions on a prim below an instance"
+            expected = "opinions on the instance, or an instance that is not instanceable"
+            path = prim.GetPath().AppendChild(name)
+            yield finding("ignored-opinion", str(path), found, expected)
 
 
 def _finding(path: str, error: Pcp.ErrorBase) -> Finding:

@@ -11,6 +11,7 @@ from typing import Literal, TypeVar
 import numpy as np
 from pxr import Tf, Usd, UsdGeom
 
+from usdsplat import schema
 from usdsplat.core.cloud import F64
 from usdsplat.core.errors import StageError, UsageError, UsdSplatError
 from usdsplat.core.findings import Finding, finding, from_error
@@ -224,6 +225,7 @@ class UsdSceneDelegate:
     def field(self, path: str) -> FieldSpec | None:
         """Implement `SceneDelegate.field`."""
         prim = self._population.fields[path].prim
+        self._remark("hints", path, *schema.validation.hint_findings(prim))
         return self._pull("field", path, partial(read_field, prim, self.time), None)
 
     def mesh(self, path: str, bits: DirtyBits) -> MeshSpec | None:
@@ -367,6 +369,7 @@ def _is_in(population: Population, path: str, kind: str) -> bool:
     prims = {
         "field": population.fields,
         "crops": population.fields,
+        "hints": population.fields,
         "mesh": population.meshes,
         "instancer": population.instancers,
         "camera": population.cameras,

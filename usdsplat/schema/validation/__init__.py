@@ -27,6 +27,7 @@ __all__ = [
     "Finding",
     "broken_rules",
     "check_field",
+    "hint_findings",
     "splat_fields",
     "validate",
 ]
@@ -116,6 +117,11 @@ def check_field(
         finding if finding.time is not None else replace(finding, samples=1)
         for finding in merged.values()
     ]
+
+
+def hint_findings(prim: Usd.Prim) -> list[Finding]:
+    """Return the findings on the rendering hints of a field, which do not change over time."""
+    return check_field(prim, (radiance.modes,), [Usd.TimeCode.Default()])
 
 
 def broken_rules(prim: Usd.Prim, time: float | None = None) -> list[str]:
