@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 
 import pytest
-from pxr import Gf, UsdGeom
+from pxr import Gf, UsdGeom, UsdRender
 
 from tests.products.mutated_stages import MUTATIONS, base, mutated
 from usdsplat.core.findings import finding
@@ -68,3 +68,21 @@ def test_more_times_than_are_checked_are_said_and_the_last_is_checked(run, tmp_p
     findings = {each["code"]: each for each in json.loads(out)["findings"]}
     assert findings["not-all-checked"]["found"] == f"{2 * MOST_TIMES} times with a sample"
     assert findings["not-drawn"]["path"] == "/W/Floor"
+
+
+def test_two_products_with_one_file_are_found(run, tmp_path, monkeypatch):
+    """Oracle: the sentence with which `render` stops."""
+    path = tmp_path / "shot.usda"
+    stage = base(path)
+    other = UsdRender.Product.Define(stage, "/Render/Other")
+    other.CreateProductNameAttr("picture.exr")
+    settings = UsdRender.Settings(stage.GetPrimAtPath("/Render/Settings"))
+    settings.GetProductsRel().AddTarget(other.GetPath())
+    stage.GetRootLayer().Save()
+    monkeypatch.chdir(tmp_path)
+    status, _, err = run("render", path, "--device", "cpu")
+    assert status == 2
+    status, out, _ = run("validate", path, "--json")
+    assert status == 1
+    (found,) = (each["found"] for each in json.loads(out)["findings"])
+    assert found in err

@@ -21,7 +21,8 @@ from usdsplat.core.progress import Progress, silent
 from usdsplat.delegate.engine import PURPOSES, Engine
 from usdsplat.delegate.product import ProductSpec
 from usdsplat.delegate.scene_delegate import read_products
-from usdsplat.products.frames import first_frame
+from usdsplat.products.drawing import files_of
+from usdsplat.products.frames import first_frame, frames_to_draw
 from usdsplat.products.planning import plan_default, plan_product
 from usdsplat.products.preflight import findings_of, lens_findings
 from usdsplat.products.request import PicturePlan, RenderRequest
@@ -94,9 +95,11 @@ def opening_findings(stage: Usd.Stage, time: float | None) -> Iterator[Finding]:
 def _plans(engine: Engine, stage: Usd.Stage, findings: Findings) -> tuple[list[PicturePlan], int]:
     """Return a plan of each product, or of the picture of a stage without products, and the number
     of products."""
-    plans, seen = [], set()
+    plans: list[PicturePlan] = []
+    seen = set()
     for prim in stage.Traverse():
         if prim.IsA(UsdRender.Settings) or prim.IsA(UsdRender.Pass):
+            named: list[PicturePlan] = []
             for spec in _products(engine, stage, str(prim.GetPath()), findings):
                 seen.add(spec.path)
                 findings.extend(spec.findings)
@@ -104,6 +107,12 @@ def _plans(engine: Engine, stage: Usd.Stage, findings: Findings) -> tuple[list[P
                     plans.append(_plan(engine, spec, findings))
                 except UsdSplatError as error:
                     findings.add(from_error("bad-product", error))
+                else:
+                    named += plans[-1:] if spec.names else []
+            try:
+                files_of(named, frames_to_draw(stage, None, named))
+            except UsdSplatError as error:
+                findings.add(from_error("bad-product", error))
     if not seen:
         plans.append(plan_default(engine, RenderRequest(output=ANY_FILE)))
     return list(dict.fromkeys(plans)), len(seen)

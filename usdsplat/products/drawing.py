@@ -251,13 +251,23 @@ def _framing_camera(
     return engine.framing_camera(times, framing=plan.framing)
 
 
-def _jobs(plans: Sequence[PicturePlan], frames: Sequence[float], existing: Existing) -> list[_Job]:
-    """Return the pictures to draw with their files, frame by frame."""
+def files_of(plans: Sequence[PicturePlan], frames: Sequence[float]) -> list[tuple[Path, ...]]:
+    """Return the file of each frame of each picture.
+
+    Raises:
+        UsageError: If two pictures have the same file.
+    """
     names = [plan.output.paths(frames) for plan in plans]
     paths = [path for group in names for path in group]
     if len(set(paths)) < len(paths):
         twice = next(path for path in paths if paths.count(path) > 1)
         raise UsageError(str(twice), "two products with this file", "a file for each")
+    return names
+
+
+def _jobs(plans: Sequence[PicturePlan], frames: Sequence[float], existing: Existing) -> list[_Job]:
+    """Return the pictures to draw with their files, frame by frame."""
+    names = files_of(plans, frames)
     jobs = [
         (plan, frame, group[i])
         for i, frame in enumerate(frames)
