@@ -183,6 +183,13 @@ CODES: dict[str, Code] = {
         "check focalLength, fStop and focusDistance: USD's focal lengths are in tenths of a scene "
         "unit, so that millimetres need a metersPerUnit of 0.01",
     ),
+    "holdout-depth": Code(
+        "warning",
+        "a flat holdout has pixels with A above 0 but no finite depth, as pictures have whose A is "
+        "filtered or averaged over samples and whose Z is not",
+        "use a holdout with the depth of the nearest surface wherever A is above 0, or a deep one",
+        "these pixels hide nothing",
+    ),
     "nothing-checked": Code(
         "warning",
         "a stage has nothing to check",
