@@ -68,7 +68,7 @@ def budget(
         held_nodes=held_nodes,
         deep=plan.deep,
         baked=plan.is_baked,
-        pictures=2 if plan.deep and plan.compare else 1,
+        pictures=2 if plan.needs_flat else 1,
     )
 
     def needed(tiles: int) -> Estimate:

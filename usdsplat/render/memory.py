@@ -46,6 +46,8 @@ DEEP_SAMPLES = 48
 DEEP_SAMPLE = 80
 """Bytes per deep sample: 24 in arrays, 24 in the copy with surfaces, 24 in the previous strip that
 the caller still holds, 8 in rows that are being written."""
+BEAUTY_SAMPLE = 32
+"""Bytes per deep sample whose colour is scaled to the beauty: the scaled colour, and its factor."""
 WRITER, WRITER_ROWS = 4, 64
 """Number of copies of the rows that are being written to a file, and number of these rows."""
 
@@ -148,7 +150,8 @@ def estimate(
     kept = 0
     if request.deep:
         top, bottom = next(screen.bands(min(band_pixels, DEEP_PIXELS)))
-        kept = (bottom - top) * (x1 - x0) * DEEP_SAMPLES * DEEP_SAMPLE
+        sample = DEEP_SAMPLE + BEAUTY_SAMPLE * (settings.deep_color == "beauty")
+        kept = (bottom - top) * (x1 - x0) * DEEP_SAMPLES * sample
     channels = sum(len(aov.channels) for aov in AOVS.values() if aov.hydra in request.aovs)
     writing = WRITER * WRITER_ROWS * (x1 - x0) * 4 * channels
     strip = min(end - begin, STRIP) * (x1 - x0)
