@@ -56,10 +56,20 @@ def nodes_of(offsets: I64, front: F32, back: F32, alpha: F32) -> HoldoutNodes:
     pixel = np.repeat(pixel, 2)
     falls = (depth[1:] < depth[:-1]) & (pixel[1:] == pixel[:-1])
     if falls.any():
-        order = np.lexsort((depth, pixel))
+        order = np.argsort(_keys(pixel, depth), kind="stable")
         depth, passed = depth[order], passed[order]
         density = density[order] if len(density) else density
     return starts, depth, _accumulated(starts, depth, passed, density)
+
+
+def _keys(pixel: I64, depth: F32) -> I64:
+    """Return integers in the order of pixels, then depths.
+
+    One key that is almost sorted is sorted several times faster than two.
+    """
+    bits = depth.view(np.int32)
+    ordered = np.where(bits < 0, bits ^ np.int32(0x7FFFFFFF), bits)
+    return (pixel.astype(np.int64) << 32) + ordered
 
 
 def _density(front: F32, back: F32, alpha: F32, some: np.ndarray) -> F64:
