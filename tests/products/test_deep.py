@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from tests.flattening import over
-from usdsplat.products.deep import DeepReport, flattened
+from usdsplat.products.deep import DeepReport
+from usdsplat.products.flattening import flattened
 from usdsplat.render.tile_lists import DeepSamples
 
 

@@ -194,6 +194,13 @@ CODES: dict[str, Code] = {
         "a stage has samples at too many times to check each of them",
         "check a time with --time, or a part of the stage",
     ),
+    "holdout-depth": Code(
+        "warning",
+        "a flat holdout has pixels with A above 0 but no finite depth, as pictures have whose A is "
+        "filtered or averaged over samples and whose Z is not",
+        "use a holdout with the depth of the nearest surface wherever A is above 0, or a deep one",
+        "these pixels hide nothing",
+    ),
     "nothing-checked": Code(
         "warning",
         "a stage has nothing to check",

@@ -46,7 +46,7 @@ def show_through(y, x, image, through, covered, occluder_depth, holdout, left):
         image: The layer, premultiplied with coverage, shape (h, w, 4) f32.
         through: Its transmittance, shape (h, w) f32; empty if it is 1 − coverage.
         covered, occluder_depth: Kinds of the surfaces and their planar depth, (h, w).
-        holdout: Deep holdout, which may be in front of the surface, see `walk`.
+        holdout: Holdout that hides in part and may be in front of the surface, see `walk`.
         left: Receives 0..1, 0 where no surface is in the picture, shape (h, w) f32.
     """
     offsets, depths, held = holdout

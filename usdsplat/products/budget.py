@@ -40,12 +40,20 @@ class Budget:
         )
 
 
-def budget(engine: Engine, plan: PicturePlan, view: View, *, limit: int | None) -> Budget:
+def budget(
+    engine: Engine,
+    plan: PicturePlan,
+    view: View,
+    *,
+    limit: int | None,
+    held_nodes: float = 0.0,
+) -> Budget:
     """Choose the bands of a picture, at the engine's time.
 
     Args:
         view: The view of the picture.
         limit: Maximum memory [byte]; None for no limit.
+        held_nodes: Mean number of nodes in a pixel of a deep holdout.
 
     Raises:
         UsageError: If bands of one row of tiles take more than the limit.
@@ -57,9 +65,10 @@ def budget(engine: Engine, plan: PicturePlan, view: View, *, limit: int | None) 
     request = PictureRequest(
         aovs=tuple(AOVS[name].hydra for name in plan.aovs),
         holds_out=plan.holdout is not None,
+        held_nodes=held_nodes,
         deep=plan.deep,
         baked=plan.is_baked,
-        pictures=2 if plan.deep and plan.compare else 1,
+        pictures=2 if plan.needs_flat else 1,
     )
 
     def needed(tiles: int) -> Estimate:

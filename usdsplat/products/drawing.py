@@ -7,6 +7,7 @@ import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from usdsplat.core.errors import OutputError, UsageError
 from usdsplat.core.findings import Findings
@@ -15,19 +16,21 @@ from usdsplat.core.output import Existing
 from usdsplat.core.progress import Progress, silent
 from usdsplat.core.wording import counted
 from usdsplat.delegate.engine import Engine
-from usdsplat.images.frame_numbers import frame_path
 from usdsplat.products import remarks
 from usdsplat.products.budget import WORTH_SAYING, Budget, budget
 from usdsplat.products.cancel import Cancelled, CancelToken
 from usdsplat.products.deep import DeepReport, draw_deep
 from usdsplat.products.flat import draw_flat
 from usdsplat.products.header import Origin, labelled_layout
+from usdsplat.products.holdouts import check_file, holdout_of, lacking_depth
 from usdsplat.products.picture_file import PictureFile, RowsWritten
 from usdsplat.products.preflight import findings_of, go_to, of_picture
 from usdsplat.products.request import PicturePlan
 from usdsplat.render.cost import Work
-from usdsplat.render.occluders import ReadHoldout
 from usdsplat.render.specs import CameraSpec
+
+if TYPE_CHECKING:
+    from usdsplat.images.holdout import Holdout
 
 _Job = tuple[PicturePlan, float, Path]
 """Plan, time code and file of a picture."""
@@ -116,13 +119,16 @@ def draw_frames(
     said = engine.remark
     if said:
         findings.say(said)
-    _check_holdouts(jobs)
+    holdouts = _opened(jobs)
     cameras = {plan: _framing_camera(engine, plan, frames) for plan, _, _ in jobs}
-    budgets = _budgets(engine, jobs, cameras, options.memory_limit, findings)
+    budgets = _budgets(engine, jobs, cameras, holdouts, options.memory_limit, findings)
     if findings.is_strict:
         for plan, frame, _ in jobs:
             findings.extend(findings_of(engine, plan, frame, cameras[plan]))
+            if wrong := lacking_depth(plan, holdout_of(plan, frame)):
+                findings.add(wrong)
         findings.check()
+    warned: set[PicturePlan] = set()
     rows, total = 0, sum(plan.rows for plan, _, _ in jobs)
     what = jobs[0][2].name if len(jobs) == 1 else counted(len(jobs), "picture")
     label = f"{what}, row"
@@ -137,13 +143,18 @@ def draw_frames(
             progress.step(label, before + done, total)
             cancel.check()
 
+        holdout = holdout_of(plan, frame)
+        wrong = lacking_depth(plan, holdout)
+        if wrong is not None and plan not in warned:  # their number differs from frame to frame
+            warned.add(plan)
+            findings.add(wrong, time=since)
         origin = Origin(stage=source, frame=frame)
         file = PictureFile(
             plan=plan,
             path=path,
             view=view,
             layout=labelled_layout(engine, plan, view, origin=origin),
-            holdout=_holdout(plan, frame),
+            holdout=None if holdout is None else holdout.rows,
             band_pixels=budgets[plan].band_pixels,
         )
         try:
@@ -200,6 +211,7 @@ def _budgets(
     engine: Engine,
     jobs: Sequence[_Job],
     cameras: dict[PicturePlan, CameraSpec | None],
+    holdouts: dict[PicturePlan, Holdout | None],
     limit: int | None,
     findings: Findings,
 ) -> dict[PicturePlan, Budget]:
@@ -209,7 +221,9 @@ def _budgets(
         if plan in budgets:
             continue
         view = go_to(engine, plan, frame, cameras[plan])
-        found = budgets[plan] = budget(engine, plan, view, limit=limit)
+        holdout = holdouts[plan]
+        nodes = 0.0 if holdout is None else holdout.nodes
+        found = budgets[plan] = budget(engine, plan, view, limit=limit, held_nodes=nodes)
         findings.extend(plan.findings)
         if plan.deep:
             findings.say(remarks.what_is_forced(plan))
@@ -218,26 +232,13 @@ def _budgets(
     return budgets
 
 
-def _holdout(plan: PicturePlan, frame: float) -> ReadHoldout | None:
-    """Open the holdout of a frame, if there is one."""
-    if plan.holdout is None:
-        return None
-    from usdsplat.images.holdout import open_holdout
-
-    path = frame_path(plan.holdout, frame)
-    return open_holdout(path, resolution=plan.framing.resolution).rows
-
-
-def _check_holdouts(jobs: Sequence[_Job]) -> None:
-    """Raise an error before drawing if a holdout is missing."""
+def _opened(jobs: Sequence[_Job]) -> dict[PicturePlan, Holdout | None]:
+    """Open the first holdout of each picture. Raise an error before drawing if one is missing."""
+    first: dict[PicturePlan, float] = {}
     for plan, frame, _ in jobs:
-        if plan.holdout is not None:
-            path = frame_path(plan.holdout, frame)
-            if not path.is_file():
-                raise UsageError("--holdout", f"no file {path}", "an EXR with depth")
-    for plan in dict.fromkeys(plan for plan, _, _ in jobs):
-        first = next(frame for other, frame, _ in jobs if other is plan)
-        _holdout(plan, first)
+        check_file(plan, frame)
+        first.setdefault(plan, frame)
+    return {plan: holdout_of(plan, frame) for plan, frame in first.items()}
 
 
 def _framing_camera(

@@ -59,9 +59,12 @@ def what_is_forced(plan: PicturePlan) -> str:
     """Return a remark on settings that differ between a deep and a flat picture."""
     samples = plan.settings.samples
     sharp = f"; one sample without blur is drawn instead of {samples}" if samples > 1 else ""
+    scaled = ""
+    if plan.settings.deep_color == "beauty":
+        scaled = ", scaled to flatten to the flat picture (--deep-color beauty)"
     return (
         f"{plan.output}: deep samples are linear, in {plan.settings.working_space}, and are "
-        f"blended in that space (--blend-space linear){sharp}"
+        f"blended in that space (--blend-space linear){scaled}{sharp}"
     )
 
 

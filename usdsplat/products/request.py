@@ -84,6 +84,11 @@ class PicturePlan:
     """Settings of the product that cannot be followed."""
 
     @property
+    def needs_flat(self) -> bool:
+        """Whether a deep picture needs the flat one."""
+        return self.deep and (self.compare or self.settings.deep_color == "beauty")
+
+    @property
     def rows(self) -> int:
         """Number of rows of pixels."""
         _, y0, _, y1 = self.framing.window

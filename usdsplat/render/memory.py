@@ -16,6 +16,7 @@ import numpy as np
 
 from usdsplat.core.cloud import SplatCloud
 from usdsplat.images.aovs import AOVS
+from usdsplat.images.holdout_nodes import STRIP
 from usdsplat.kernels import bins, triangles
 from usdsplat.render.aov_resolver import BESIDE_MEDIAN, SUMMED
 from usdsplat.render.buffers import Buffer, Sizes
@@ -45,6 +46,8 @@ DEEP_SAMPLES = 48
 DEEP_SAMPLE = 80
 """Bytes per deep sample: 24 in arrays, 24 in the copy with surfaces, 24 in the previous strip that
 the caller still holds, 8 in rows that are being written."""
+BEAUTY_SAMPLE = 32
+"""Bytes per deep sample whose colour is scaled to the beauty: the scaled colour, and its factor."""
 WRITER, WRITER_ROWS = 4, 64
 """Number of copies of the rows that are being written to a file, and number of these rows."""
 
@@ -54,8 +57,12 @@ RANKS = 8
 """Bytes per splat that a display mode draws, for its rank."""
 VERTEX, BOX = 8 * triangles.VERTEX, 16
 """Bytes per vertex and per triangle on the screen."""
-HOLDOUT_ROWS = 16
-"""Bytes per pixel of a holdout that is being read: depth and opacity, as read and as used."""
+HOLDOUT_ROWS = 40
+"""Bytes per pixel of a holdout that is being read: depth and opacity as read and as used, and, in
+a flat one that hides in part, offsets and a node."""
+HOLDOUT_NODE, STRIP_NODE = 16, 110
+"""Bytes per node of a deep holdout: depth and transmittance in strips and joined; and while the
+nodes of a strip are computed."""
 PLAIN_VIEW, OCIO_VIEW = 135, 60
 """Bytes per pixel that a view transform takes for unpremultiplied colours and copies: float64
 without OCIO settings, float32 with them."""
@@ -98,6 +105,8 @@ class PictureRequest:
     """Names in `renderer.AOVS`."""
     holds_out: bool = False
     """Whether there is an external holdout."""
+    held_nodes: float = 0.0
+    """Mean number of nodes in a pixel of a deep holdout, see `images.holdout_nodes`."""
     deep: bool = False
     """Whether all contributions are kept."""
     baked: bool = False
@@ -141,9 +150,12 @@ def estimate(
     kept = 0
     if request.deep:
         top, bottom = next(screen.bands(min(band_pixels, DEEP_PIXELS)))
-        kept = (bottom - top) * (x1 - x0) * DEEP_SAMPLES * DEEP_SAMPLE
+        sample = DEEP_SAMPLE + BEAUTY_SAMPLE * (settings.deep_color == "beauty")
+        kept = (bottom - top) * (x1 - x0) * DEEP_SAMPLES * sample
     channels = sum(len(aov.channels) for aov in AOVS.values() if aov.hydra in request.aovs)
     writing = WRITER * WRITER_ROWS * (x1 - x0) * 4 * channels
+    strip = min(end - begin, STRIP) * (x1 - x0)
+    in_band += int(request.held_nodes * (pixels * HOLDOUT_NODE + strip * STRIP_NODE))
     in_band += pixels * (HOLDOUT_ROWS * request.holds_out + _of_view(settings, request))
     return Estimate(
         held=_held(scene),

@@ -9,7 +9,7 @@ from typing import Literal
 from usdsplat.core.knobs import knob, knobs
 from usdsplat.render.specs import SortingMode
 
-FILE_KNOBS = ("compression", "tile_size", "empty_depth", "multipart", "deep_error")
+FILE_KNOBS = ("compression", "tile_size", "empty_depth", "multipart", "deep_error", "deep_color")
 """Knobs that only affect files."""
 
 
@@ -95,6 +95,12 @@ class RenderSettings:
         "merge neighbouring deep samples while the opacity in front of any depth changes by this "
         "or less; 0 merges none",
         range=(0.0, 0.1),
+    )
+    deep_color: Literal["scene", "beauty"] = knob(
+        "scene",
+        "colour of deep samples: scene is that of their splats, beauty scales it in each pixel so "
+        "that the flattened samples equal the flat picture, blended in the training space; "
+        "opacities stay the same",
     )
 
     def resolved(self, hints: Iterable[SortingMode]) -> RenderSettings:
