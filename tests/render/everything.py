@@ -93,7 +93,7 @@ def scene_of(case: Case, splats: int) -> RenderScene:
                     transform=tuple(matrix.ravel()),
                     asset="/set",
                     material="/looks/moss" if path == "/second" else "",
-                )  # fmt: skip
+                )
                 for at, i, matrix in placed
                 if at == path
             ),

@@ -20,7 +20,7 @@ from .lanes import choose, load, lowest_bit, ramp, size, store
 from .ray_hit import CENTER, GX, GY, HX, HY, HZ, REACH, row_at
 
 RANKS = 6
-"""Smallest number of prims of a pixel that are kept."""
+"""Prims of a pixel that are kept at least, if a file needs fewer."""
 NONE = np.int32(-1)
 
 

@@ -10,8 +10,15 @@ from usdsplat.core.knobs import knob, knobs
 from usdsplat.images.cryptomatte import RANK
 from usdsplat.render.specs import SortingMode
 
-FILE_KNOBS = ("compression", "tile_size", "empty_depth", "multipart", "deep_error")
-"""Knobs that only affect files."""
+FILE_KNOBS = (
+    "compression",
+    "tile_size",
+    "empty_depth",
+    "multipart",
+    "crypto_rank",
+    "deep_error",
+)
+"""Knobs of files, which views in a window do not offer."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
