@@ -13,12 +13,8 @@ from __future__ import annotations
 import json
 import struct
 from collections.abc import Iterable
-from typing import TYPE_CHECKING
 
 import numpy as np
-
-if TYPE_CHECKING:
-    from usdsplat.images.layout import Metadata
 
 LAYERS = ("cryptoObject", "cryptoAsset", "cryptoMaterial")
 """Layers of Cryptomatte, which are AOVs."""
@@ -62,7 +58,7 @@ def prefix_of(layer: str) -> str:
     return f"cryptomatte/{hash_bits(layer):08x}"[:-1]
 
 
-def metadata(layer: str, names: Iterable[str]) -> Metadata:
+def metadata(layer: str, names: Iterable[str]) -> dict[str, str]:
     """Return the entries for `ImageLayout.metadata`.
 
     Args:
