@@ -87,7 +87,13 @@ def scene_of(case: Case, splats: int) -> RenderScene:
         scene.set_instances(
             path,
             tuple(
-                InstanceSpec(path=path, index=i, transform=tuple(matrix.ravel()))
+                InstanceSpec(
+                    path=path,
+                    index=i,
+                    transform=tuple(matrix.ravel()),
+                    asset="/set",
+                    material="/looks/moss" if path == "/second" else "",
+                )
                 for at, i, matrix in placed
                 if at == path
             ),
@@ -101,8 +107,12 @@ def scene_of(case: Case, splats: int) -> RenderScene:
     if case.surfaces:
         points, triangles, uvs = sheet(6, 5, lambda u, v: (3 * u - 1.5, 2 * v - 1, u - 0.6))
         picture = TextureSpec(pixels=rng.random((13, 22, 3), np.float32))
-        material = MaterialSpec(diffuse=(0.9, 0.8, 0.7), texture=picture)
-        wall = mesh(points, triangles, uvs=uvs[triangles].astype(np.float32), materials=(material,))
+        material = MaterialSpec(diffuse=(0.9, 0.8, 0.7), texture=picture, path="/looks/moss")
+        plain = replace(material, path="/looks/bark")
+        wall = mesh(
+            points, triangles, uvs=uvs[triangles].astype(np.float32), materials=(material, plain),
+            material_of=np.arange(len(triangles), dtype=np.int32) % 2,
+        )  # fmt: skip
         add(scene, "/wall", wall)
         corners = rng.random((2, 3, 3), np.float32)
         leaf = mesh(

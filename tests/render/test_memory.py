@@ -106,6 +106,7 @@ def check(renderer, scene, view, settings, request) -> None:
         blocks=len(layout.block_starts),
         visible=visible,
         shown=shown,
+        drawn=shown or visible,
         chunks=4 * 2,
         height=SIZE[1],
         width=SIZE[0],
@@ -113,6 +114,7 @@ def check(renderer, scene, view, settings, request) -> None:
         tile_columns=-(-SIZE[0] // 16),
         crossings=made["tiles.crossings"] // 8,
         pairs=made["tiles.lists"] // 4,
+        rank_pairs=(settings.crypto_rank + 1) // 2,
         triangle_pairs=made.get("triangles.lists", 0) // 4,
     )
     used = memory.buffers_of(scene, view, settings, request)

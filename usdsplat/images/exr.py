@@ -33,6 +33,7 @@ import OpenImageIO as oiio
 import usdsplat
 from usdsplat.core.encoding import HALF_MAX
 from usdsplat.core.errors import OutputError, UsageError
+from usdsplat.images import cryptomatte
 from usdsplat.images.aovs import Aov, find_aovs
 from usdsplat.images.color import color_space
 from usdsplat.images.compression import Compression
@@ -93,7 +94,8 @@ class ExrWriter(ImageWriter):
         compression = Compression.parse(layout.compression or DEFAULT, where=str(path))
         if layout.pixel_type not in (None, "half", "float"):
             raise UsageError(str(path), f"{layout.pixel_type} pixels", "half or float in an EXR")
-        aovs = find_aovs(layout.aovs, where=str(path))
+        found = find_aovs(layout.aovs, where=str(path))
+        aovs = tuple(aov.with_rank(layout.crypto_rank) for aov in found)
         self._parts = _parts(aovs, layout, compression)
         self._waiting: list[IO[bytes]] = []
         self._tile_rows: list[Pixels] = []
@@ -250,10 +252,13 @@ def _label(specs: tuple[oiio.ImageSpec, ...], parts: tuple[_Part, ...], entries:
             spec.attribute("DateTime", "")  # else OpenImageIO writes the time of now
     _attach(specs[0], entries)
     for spec, part in zip(specs[1:], parts[1:], strict=True):
-        shared = set(SHARED)
-        if any(map(_must_be_exact, part.aovs)):
-            shared.update(key for key in entries if key.startswith("cryptomatte/"))
-        _attach(spec, {key: value for key, value in entries.items() if key in shared})
+        layers = tuple(
+            f"{cryptomatte.prefix_of(aov.name)}/" for aov in part.aovs if aov.is_cryptomatte
+        )
+        shared = {
+            key: value for key, value in entries.items() if key in SHARED or key.startswith(layers)
+        }
+        _attach(spec, shared)
 
 
 def _attach(spec: oiio.ImageSpec, metadata: Metadata) -> None:

@@ -11,6 +11,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
+from usdsplat.images import cryptomatte
 from usdsplat.images.aovs import AOVS
 from usdsplat.images.timecode import Timecode
 
@@ -46,6 +47,8 @@ class ImageLayout:
     """Side of the tiles of a flat EXR [pixel]; 0 for scan lines."""
     empty_depth: float = math.inf
     """Depth of empty pixels in an EXR [scene unit]; arrays have inf there."""
+    crypto_rank: int = cryptomatte.RANK
+    """Number of pairs of id and coverage in each layer of Cryptomatte."""
     metadata: Metadata = field(default_factory=dict)
     """Further header entries."""
 
@@ -68,7 +71,7 @@ class ImageLayout:
         """
         rows = len(band[self.aovs[0]]) if self.aovs[0] in band else 0
         for name in self.aovs:
-            aov = AOVS[name]
+            aov = AOVS[name].with_rank(self.crypto_rank)
             tail = () if len(aov.channels) == 1 else (len(aov.channels),)
             dtype = np.dtype(np.uint32 if aov.kind == "id" else np.float32)
             expected = f"{dtype}{(rows, self.shape[1], *tail)}"

@@ -91,12 +91,35 @@ def nearest(y, x, depth, ids, occluder_depth, covered, surface_ids):
 
 
 @kernel(over="left", writes=("out",), axes=2)
-def shown(y, x, left, surface_ids, out):
-    """Set out[y, x] to the prim of the surface, -1 where it is completely hidden.
+def shown(y, x, left, surface_ids, groups, out):
+    """Set out[y, x] to the group of the surface's prim, -1 where it is completely hidden.
 
     Args:
         left: Result of `show_through`.
         surface_ids: See `nearest`.
+        groups: Group of each prim, shape (prims,) i32.
         out: Shape (h, w) i32.
     """
-    out[y, x] = surface_ids[0, y, x] if left[y, x] > np.float32(0) else np.int32(-1)
+    is_seen = left[y, x] > np.float32(0)
+    out[y, x] = groups[surface_ids[0, y, x]] if is_seen else np.int32(-1)
+
+
+@kernel(over="left", writes=("out",), axes=2)
+def shown_material(y, x, left, hit, appearances, material_of, groups, out):
+    """Set out[y, x] to the group of the surface's material, -1 where it is completely hidden.
+
+    Args:
+        left: Result of `show_through`.
+        hit: Appearance and triangle of each pixel, shape (2, h, w) i32.
+        appearances: APPEARANCE records.
+        material_of: Material of each triangle, see `shade.shade`.
+        groups: Group of each material, shape (materials,) i32.
+        out: Shape (h, w) i32.
+    """
+    out[y, x] = np.int32(-1)
+    if left[y, x] > np.float32(0):
+        look = appearances[hit[0, y, x]]
+        number = look.material
+        if look.material_of >= 0:
+            number += material_of[look.material_of + hit[1, y, x]]
+        out[y, x] = groups[number]

@@ -193,7 +193,7 @@ def walk(
             depth are a step. The offsets are empty without a holdout.
         out: (color, albedo, normals, depth sums, each (h, w, 4) f32: three numbers and coverage;
             through (h, w) f32: transmittance; median (ranks (h, w) i32, depths (h, w) f32); front
-            likewise; prims (ids (h, w, RANKS) i32, weights f32); counts (h, w) u32; offsets
+            likewise; prims (ids (h, w, ranks) i32, weights f32); counts (h, w) u32; offsets
             (h * w,) i64; deep (depth, back, color (n, 4)) f32). Arrays of products that are not
             requested are empty.
 

@@ -62,6 +62,8 @@ class DrawnPicture:
     """Number of splats that may touch the data window."""
     seconds: float
     """Time for drawing and writing [s]."""
+    aovs: tuple[str, ...]
+    """Names of the AOVs in the file, see `images.aovs.AOVS`."""
     deep_samples: int | None = None
     """Number of samples of a deep picture."""
 
@@ -182,6 +184,7 @@ def draw_frames(
             splats=stats.splats,
             visible=stats.visible,
             seconds=seconds,
+            aovs=plan.aovs,
             deep_samples=None if report is None else report.samples,
         )
 

@@ -63,6 +63,7 @@ def layout_of(plan: PicturePlan) -> ImageLayout:
         multipart=plan.settings.multipart,
         compression=plan.settings.compression,
         tile_size=0 if plan.deep else plan.settings.tile_size,
+        crypto_rank=plan.settings.crypto_rank,
     )
 
 
@@ -129,8 +130,10 @@ def picture_header(engine: Engine, plan: PicturePlan, view: View, *, origin: Ori
     }
     if "id" in plan.aovs:
         entries["usdsplat:ids"] = json.dumps(info.prims)
-    if "cryptoObject" in plan.aovs:
-        entries |= cryptomatte.metadata("cryptoObject", engine.drawn_paths())
+    for layer in cryptomatte.LAYERS:
+        if layer in plan.aovs:
+            groups = engine.render_scene.matte_groups(layer)
+            entries |= cryptomatte.metadata(layer, groups.names)
     return entries
 
 

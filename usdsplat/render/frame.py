@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from usdsplat.images.cryptomatte import LAYERS
 from usdsplat.kernels import surface
 from usdsplat.kernels.device import Device
 from usdsplat.render import sampling
@@ -88,11 +89,11 @@ def average_band(
         motion = find_motion(frame, sample, center)
         arrays |= fetched(frame.device, draw_band(frame, sample, rows, from_center, motion))
     if averaged:
-        sums = SampleAccumulator(frame.device, frame.buffers.sums, (y1 - y0, x1 - x0), averaged)
+        sums = SampleAccumulator(frame, (y1 - y0, x1 - x0), averaged)
         for each in plan:
             sample = prepare(frame, each, window, averaged)
             drawn = draw_band(frame, sample, rows, averaged, None, raw=True)
-            sums.add(drawn, sample.splats.layout.prims)
+            sums.add(drawn, sample.groups)
             frame.clock.lap("accumulate")
         arrays |= fetched(frame.device, sums.finish())
     return arrays
@@ -148,7 +149,7 @@ def prepare(
         whole = frame.rasterizer.draw_color(projector, view.matte, frame.buffers, frame.stats)
         if whole is not None:
             frame.clock.lap("draw color")
-            return FrameSample(screen, whole, None)
+            return FrameSample(screen, whole, None, {})
     splats = _projected(frame, projector, view.matte, aovs, occludes=occludes)
     mode = frame.settings.display_mode
     if mode != "splats":
@@ -158,7 +159,8 @@ def prepare(
         if mode == "ellipses":  # each splat is drawn twice: the ellipse and its outline
             frame.stats.visible = splats.order.shape[0] // 2
         frame.clock.lap("display")
-    return FrameSample(screen, splats, surfaces)
+    groups = {layer: scene.matte_groups(layer) for layer in LAYERS if layer in aovs}
+    return FrameSample(screen, splats, surfaces, groups)
 
 
 def _projected(
@@ -181,7 +183,7 @@ def _projected(
     if SUMMED & set(aovs) or frame.settings.display_mode == "normals":
         projector.find_features()
         lap("find features")
-    splats = projector.sort(matte, labels="cryptoObject" in aovs)
+    splats = projector.sort(matte, labels=bool(set(LAYERS) & set(aovs)))
     lap("sort")
     stats.splats, stats.total = splats.layout.splats, splats.layout.total
     stats.visible = splats.order.shape[0]
@@ -202,7 +204,7 @@ def draw_band(
     Args:
         rows: First row of the band, and the row after its last.
         motion: Motion to the neighbouring frames; None if no AOV needs it.
-        raw: Whether cryptoObject is returned as unranked (prim ids, weights), for the accumulator,
+        raw: Whether Cryptomattes are returned as unranked (groups, weights), for the accumulator,
             which ranks the sums over all samples.
     """
     if isinstance(sample.splats, WholeImage):

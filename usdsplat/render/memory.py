@@ -16,13 +16,14 @@ import numpy as np
 
 from usdsplat.core.cloud import SplatCloud
 from usdsplat.images.aovs import AOVS
+from usdsplat.images.cryptomatte import LAYERS, rank_pairs
 from usdsplat.images.holdout_nodes import STRIP
 from usdsplat.kernels import bins, triangles
 from usdsplat.render.aov_resolver import BESIDE_MEDIAN, SUMMED
 from usdsplat.render.buffers import Buffer, Sizes
 from usdsplat.render.draw_list import DrawList, Group
 from usdsplat.render.frame import DEEP_PIXELS
-from usdsplat.render.frame_buffers import FrameBuffers, SurfaceBuffers, TriangleBuffers
+from usdsplat.render.frame_buffers import MATTES, FrameBuffers, SurfaceBuffers, TriangleBuffers
 from usdsplat.render.matte import is_matte
 from usdsplat.render.motion import FRAMES
 from usdsplat.render.scene import RenderScene
@@ -140,7 +141,7 @@ def estimate(
     layout = scene.draw_list(settings.splat_budget)
     laid = {id(group.cloud): len(group.cloud) for group in layout.groups}
     pixels, share = (end - begin) * (x1 - x0), min(1.0, UNEVEN * (end - begin) / (y1 - y0))
-    sizes = _sizes(scene, layout, screen, (begin, end), share=share, threads=threads)
+    sizes = _sizes(scene, settings, screen, (begin, end), share=share, threads=threads)
     used = buffers_of(scene, view, settings, request)
     in_band = sum(each.touched_bytes(sizes) for name, each in used.items() if not _by_splat(name))
     by_splat = sum(each.touched_bytes(sizes) for name, each in used.items() if _by_splat(name))
@@ -152,7 +153,8 @@ def estimate(
         top, bottom = next(screen.bands(min(band_pixels, DEEP_PIXELS)))
         sample = DEEP_SAMPLE + BEAUTY_SAMPLE * (settings.deep_color == "beauty")
         kept = (bottom - top) * (x1 - x0) * DEEP_SAMPLES * sample
-    channels = sum(len(aov.channels) for aov in AOVS.values() if aov.hydra in request.aovs)
+    written = (aov for aov in AOVS.values() if aov.hydra in request.aovs)
+    channels = sum(len(aov.with_rank(settings.crypto_rank).channels) for aov in written)
     writing = WRITER * WRITER_ROWS * (x1 - x0) * 4 * channels
     strip = min(end - begin, STRIP) * (x1 - x0)
     in_band += int(request.held_nodes * (pixels * HOLDOUT_NODE + strip * STRIP_NODE))
@@ -181,7 +183,8 @@ def buffers_of(
     walks = by_ray or holds or request.holds_out
     ray_hits, features = meshes or request.holds_out or by_ray, bool(SUMMED & aovs)
     features = features or mode == "normals"
-    crypto, moves = "cryptoObject" in aovs, bool(FRAMES.keys() & aovs)
+    layers = [layer for layer in LAYERS if layer in aovs]
+    crypto, moves = bool(layers), bool(FRAMES.keys() & aovs)
     ellipses, sampled = mode == "ellipses", settings.samples > 1
     images = {"color": bool(aovs)} | {group: name in aovs for name, group in IMAGES.items()}
     nearest = {
@@ -194,7 +197,7 @@ def buffers_of(
         (ray_hits, "splats", "ray_hits ordered_ray_hits"),
         (features, "splats", "features ordered_features"),
         (holds, "splats", "keeps"),
-        (crypto, "splats", "labels"),
+        (crypto, "splats", "labels groups"),
         (ellipses, "display", "opaque records order"),
         (ellipses and ray_hits, "display", "ray_hits"),
         (ellipses and features, "display", "features"),
@@ -208,8 +211,9 @@ def buffers_of(
         *((is_used and walks, group, "ray_depths") for group, is_used in nearest.items()),
         *((name in aovs, "pixels", buffer) for name, buffer in PIXELS.items()),
         (moves and meshes, "pixels", "motion_rows motion_elements motion_weights"),
-        (crypto, "pixels", "prims weights"),
-        (crypto and meshes, "pixels", "surface_prims"),
+        *((True, MATTES[layer], "prims weights ranked") for layer in layers),
+        *((meshes, MATTES[layer], "surfaces") for layer in layers),
+        *((sampled, MATTES[layer], "all_prims all_weights") for layer in layers),
         (bool(aovs) and meshes, "pixels", "left"),
         (request.holds_out and not meshes, "pixels", "holdout_depth holdout_covered"),
         (request.deep, "pixels", "deep_offsets"),
@@ -217,8 +221,6 @@ def buffers_of(
         (meshes, "triangles", " ".join(TriangleBuffers.declared())),
         (sampled and "color" in aovs, "sums", "color"),
         (sampled and "albedo" in aovs, "sums", "albedo"),
-        (sampled and crypto, "sums", "prims weights mattes"),
-        (crypto and not sampled, "pixels", "mattes"),
     ]
     groups = FrameBuffers.groups()
     return {
@@ -296,7 +298,7 @@ def _by_splat(name: str) -> bool:
 
 def _sizes(
     scene: RenderScene,
-    layout: DrawList,
+    settings: RenderSettings,
     screen: Screen,
     rows: tuple[int, int],
     *,
@@ -304,6 +306,7 @@ def _sizes(
     threads: int,
 ) -> Sizes:
     """Estimate the sizes for the fullest band, which contains a `share` of all tiles."""
+    layout = scene.draw_list(settings.splat_budget)
     x0, _, x1, _ = screen.window
     visible, crossings, pairs = _visible(layout, screen)
     grid = bins.grid_of(x0, rows[0], x1, rows[1])[0]
@@ -314,6 +317,7 @@ def _sizes(
         boxes=max((g.all_blocks for g in large), default=0),
         visible=visible,
         shown=2 * visible,
+        drawn=2 * visible if settings.display_mode == "ellipses" else visible,
         chunks=4 * threads,
         height=rows[1] - rows[0],
         width=x1 - x0,
@@ -321,6 +325,7 @@ def _sizes(
         tile_columns=int(grid["columns"]),
         crossings=int(share * crossings),
         pairs=int(share * pairs),
+        rank_pairs=rank_pairs(settings.crypto_rank),
         triangle_pairs=sum(len(mesh.spec.triangles) for _, mesh, _ in scene.drawn_meshes()),
     )
 

@@ -7,10 +7,19 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from usdsplat.core.knobs import knob, knobs
+from usdsplat.images.cryptomatte import RANK
 from usdsplat.render.specs import SortingMode
 
-FILE_KNOBS = ("compression", "tile_size", "empty_depth", "multipart", "deep_error", "deep_color")
-"""Knobs that only affect files."""
+FILE_KNOBS = (
+    "compression",
+    "tile_size",
+    "empty_depth",
+    "multipart",
+    "crypto_rank",
+    "deep_error",
+    "deep_color",
+)
+"""Knobs of files, which views in a window do not offer."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -90,6 +99,12 @@ class RenderSettings:
         "inf", "depth of empty pixels in EXRs; far is the camera's far clipping plane"
     )
     multipart: bool = knob(False, "whether each AOV is written as a separate EXR part")
+    crypto_rank: int = knob(
+        RANK,
+        "number of pairs of id and coverage that each pixel of a Cryptomatte has; four channels "
+        "hold two, so an odd number is rounded up",
+        range=(2, 16),
+    )
     deep_error: float = knob(
         0.0,
         "merge neighbouring deep samples while the opacity in front of any depth changes by this "

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import copy
+from collections.abc import Mapping
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -12,9 +14,11 @@ import numpy.typing as npt
 
 from usdsplat.core.cloud import F32, I32, I64
 from usdsplat.core.errors import UsageError
-from usdsplat.kernels import bins, blend, deep, feature, median, project, walk, weigh
+from usdsplat.images.cryptomatte import RANK, rank_pairs
+from usdsplat.kernels import bins, blend, cryptomatte, deep, feature, median, project, walk, weigh
 from usdsplat.kernels.device import Device
 from usdsplat.render.frame_buffers import FrameBuffers
+from usdsplat.render.matte_groups import MatteGroups
 from usdsplat.render.occluders import NO_DEPTH, Occluders
 from usdsplat.render.projector import ProjectedSplats
 
@@ -30,8 +34,8 @@ WANTS = {
     "deep": walk.FILL,
 }
 """Product -> its flag in a walk."""
-PRODUCTS = frozenset(WANTS) - {"color", "counts", "deep"}
-"""Products that can be drawn in addition to colour."""
+PRODUCTS = frozenset(WANTS) - {"color", "prims", "counts", "deep"}
+"""Products that can be drawn in addition to colour and layers of Cryptomatte."""
 COLUMNS = {"albedo": feature.ALBEDO, "normals": feature.NORMAL, "depths": feature.EXPECTED}
 """Product that is a sum over contributions -> first column of the features."""
 PARTS = {"median": 0.5, "front": 0.0}
@@ -157,22 +161,39 @@ class TileLists:
 
     # --- rasterizing -----------------------------------------------------------------------
 
-    def color(self, products: frozenset[str] = frozenset()) -> tuple[F32, F32 | None]:
+    def color(
+        self,
+        products: frozenset[str] = frozenset(),
+        mattes: Mapping[str, MatteGroups] = MappingProxyType({}),
+        rank: int = RANK,
+    ) -> tuple[F32, F32 | None]:
         """Draw colour. It must be drawn before other products.
 
         Args:
             products: The PRODUCTS that will be requested. If contributions are evaluated one by
                 one, a single walk finds them for all products.
+            mattes: The layers of Cryptomatte that will be requested, and their groups. Each layer
+                after the first takes a further walk.
+            rank: Number of pairs of id and coverage in a layer.
 
         Returns:
             Premultiplied RGBA in the blend space, shape (h, w, 4), and the transmittance, shape
             (h, w), if it differs from 1 - A, else None.
         """
+        self._mattes, self._rank_pairs = mattes, rank_pairs(rank)
         if self._walks:
             color = self._buffers.color
             image, through = color.image(*self.shape), color.through(*self.shape)
             self._walked = {name: self._room(name) for name in products}
-            self._walk(products | {"color"}, color=image, through=through, **self._walked)
+            out = {"color": image, "through": through, **self._walked}
+            first, *others = [*mattes, ""]  # "" for a walk without a layer
+            if first:
+                out["prims"] = self._walked[first] = self._matte_room(first)
+            wanted = products | {"color"} | ({"prims"} if first else set())
+            self._walk(wanted, layer=first, **out)
+            for layer in filter(None, others):
+                self._walked[layer] = self._matte_room(layer)
+                self._walk({"prims"}, layer=layer, prims=self._walked[layer])
             self._color, self._through = image, through
             return image, through
         self._color, self._through = self._blend("color", self._splats.records, project.RED), None
@@ -215,19 +236,22 @@ class TileLists:
             run(median.hold_depth, ranks, NO_DEPTH, self._occluders.depth, depth)
         return depth, ids
 
-    def weigh(self) -> tuple[I32, F32]:
-        """Return the prims that contribute most, and their contributions, shapes (h, w,
-        weigh.RANKS)."""
+    def weigh(self, layer: str) -> tuple[I32, F32]:
+        """Return the groups of a layer of Cryptomatte that contribute most, and their
+        contributions, shapes (h, w, kept), see `MatteBuffers`.
+
+        `color` must have been called with the layer.
+        """
         if self._walks:
-            return self._walked["prims"]
+            return self._walked[layer]
         splats = self._splats
-        ids, weights = self._room("prims")
+        labels, count = self._labels(layer)
+        groups, weights = self._matte_room(layer)
         self._device.run(
-            weigh.weigh, splats.records, splats.labels, len(splats.layout.prims), self._starts,
-            self._lists, self._grid, splats.ray_hits, self._occluders.depth, splats.is_parallel,
-            ids, weights,
+            weigh.weigh, splats.records, labels, count, self._starts, self._lists, self._grid,
+            splats.ray_hits, self._occluders.depth, splats.is_parallel, groups, weights,
         )  # fmt: skip
-        return ids, weights
+        return groups, weights
 
     def deep(self, error: float) -> DeepSamples:
         """Return deep samples: every contribution, or merged runs of contributions.
@@ -270,10 +294,24 @@ class TileLists:
         if name in PARTS:
             nearest = self._buffers.nearest(name)
             return nearest.ranks(*shape), nearest.ray_depths(*shape)
-        if name == "prims":
-            pixels = self._buffers.pixels
-            return pixels.prims(*shape), pixels.weights(*shape)
         return self._buffers.image(name).image(*shape)
+
+    def _matte_room(self, layer: str) -> tuple[I32, F32]:
+        """Return the buffers for one layer of Cryptomatte."""
+        buffers, shape = self._buffers.matte(layer), (*self.shape, self._rank_pairs)
+        return buffers.prims(*shape), buffers.weights(*shape)
+
+    def _labels(self, layer: str) -> tuple[I32, int]:
+        """Return the group of each splat in a layer of Cryptomatte, and the number of groups; empty
+        without a layer."""
+        if not layer:
+            return self._buffers.splats.groups(0), 0
+        groups, labels = self._mattes[layer], self._splats.labels
+        out = self._buffers.splats.groups(labels.shape[0])
+        if labels.shape[0] > 0:
+            of_prims = self._device.keep(groups.of_prims)
+            self._device.run(cryptomatte.regroup, labels, of_prims, out)
+        return out, len(groups.names)
 
     def _blend(self, name: str, paints: F32, column: int) -> F32:
         """Blend three numbers of each splat in order of depth of the centres, shape (h, w, 4)."""
@@ -304,13 +342,16 @@ class TileLists:
             np.float32(error), writes, offsets, counts, *samples,
         )  # fmt: skip
 
-    def _walk(self, wanted: AbstractSet[str], *, error: float = 0.0, **out: Any) -> None:
+    def _walk(
+        self, wanted: AbstractSet[str], *, error: float = 0.0, layer: str = "", **out: Any
+    ) -> None:
         """Walk all pixels once for all `wanted` products. `out` has the arrays that the walk reads
-        and writes."""
+        and writes; "prims" are those of the `layer` of Cryptomatte."""
         splats = self._splats
+        labels, count = self._labels(layer)
         options = (
             sum(WANTS[name] for name in wanted), self._sort_by_ray_hit, splats.is_parallel,
-            len(splats.layout.prims), np.float32(error), np.float32(splats.near),
+            count, np.float32(error), np.float32(splats.near),
         )  # fmt: skip
         no_image, no_ranks = np.empty((0, 0, 4), np.float32), np.empty((0, 0), np.int32)
         no_prims = np.empty((0, 0, weigh.RANKS), np.int32)
@@ -328,7 +369,7 @@ class TileLists:
             "deep": NO_DEEP,
         }
         self._device.run(
-            walk.walk, options, splats.records, splats.features, splats.keeps, splats.labels,
-            self._starts, self._lists, self._grid, splats.ray_hits, self._occluders.depth,
+            walk.walk, options, splats.records, splats.features, splats.keeps, labels, self._starts,
+            self._lists, self._grid, splats.ray_hits, self._occluders.depth,
             self._occluders.covered, self._occluders.holdout, tuple((nothing | out).values()),
         )  # fmt: skip

@@ -16,6 +16,7 @@ from pxr import Sdf, Usd, UsdShade
 from usdsplat.core.cloud import F32, F64
 from usdsplat.core.errors import StageError, UsdSplatError
 from usdsplat.core.findings import Finding, finding, from_error
+from usdsplat.delegate.scene_delegate.bindings import BINDING, computed_material
 from usdsplat.delegate.scene_delegate.readings import Sources
 from usdsplat.delegate.scene_delegate.textures import Color, Textures
 from usdsplat.delegate.scene_delegate.unsupported import (
@@ -31,8 +32,6 @@ DISPLAY_COLOR = "displayColor"
 NEUTRAL: Color = (0.18, 0.18, 0.18)
 """Colour of meshes with neither material nor colour."""
 WRAPS = ("black", "clamp", "repeat", "mirror")
-PURPOSES = (UsdShade.Tokens.preview, UsdShade.Tokens.full)
-"""Binding purposes in order; each also finds bindings for all purposes."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -61,15 +60,12 @@ def bound_material(prim: Usd.Prim, sources: Sources) -> Usd.Prim | None:
     above = prim
     while above and not above.IsPseudoRoot():
         for name in above.GetAuthoredPropertyNames():
-            if name.startswith("material:binding"):
+            if name.startswith(BINDING):
                 for target in sources.targets(above, name):
                     _note_collection(target, sources)
         above = above.GetParent()
-    for purpose in PURPOSES:
-        material, _ = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial(purpose)
-        if material:
-            return sources.follow(material.GetPath())
-    return None
+    material = computed_material(prim)
+    return None if material is None else sources.follow(material.GetPath())
 
 
 def _note_collection(path: Sdf.Path, sources: Sources) -> None:

@@ -12,10 +12,13 @@ from typing import Any
 
 from pxr import Sdf, Tf, Usd
 
+from usdsplat.delegate.scene_delegate.bindings import BINDING
 from usdsplat.delegate.scene_delegate.names import DRAWING, KNOWN
 
 COLOR_SPACE = "colorSpace"
-INHERITED = ("material:binding", "primvars:", "skel:")
+ASSET_FIELDS = ("kind", "assetInfo")
+"""Metadata from which the asset of a prim follows."""
+INHERITED = (BINDING, "primvars:", "skel:")
 """Prefixes of properties that meshes inherit from their ancestors."""
 
 
@@ -72,6 +75,7 @@ class NoticeListener:
                 fields = set(notice.GetChangedFields(path))
                 if path.IsAbsoluteRootOrPrimPath():
                     self._changes.prims.add(path)
+                    self._changes.structural |= not fields.isdisjoint(ASSET_FIELDS)
                 else:
                     self._change_property(path, new=COLOR_SPACE in fields)
 
@@ -87,6 +91,7 @@ class NoticeListener:
         self._changes.inherited |= new and path.name.startswith(INHERITED)
         regrouped = path.name == "prototypes" or path.name.startswith("collection:")
         misspelt = new and path.name.startswith(DRAWING) and path.name not in KNOWN
+        regrouped |= path.name.startswith(BINDING)
         self._changes.structural |= regrouped or is_color_space(path.name) or colored or misspelt
 
 

@@ -10,7 +10,7 @@ materials or skeletons form separate entries.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from pxr import Sdf, Usd, UsdGeom, UsdLux, UsdSkel
@@ -18,6 +18,7 @@ from pxr import Sdf, Usd, UsdGeom, UsdLux, UsdSkel
 from usdsplat import schema
 from usdsplat.core.findings import Finding, finding
 from usdsplat.delegate.instancing import Link, Placement
+from usdsplat.delegate.scene_delegate.matte_names import MatteNames
 from usdsplat.delegate.scene_delegate.names import unknown_names
 from usdsplat.delegate.scene_delegate.notices import INHERITED
 from usdsplat.delegate.scene_delegate.unsupported import why_not_drawn
@@ -152,6 +153,7 @@ class _Walk:
         self._above: dict[Sdf.Path, tuple[Sdf.Path, ...]] = {}
         self._others: set[Sdf.Path] = set()
         self._checked: set[Sdf.Path] = set()
+        self._names = MatteNames()
         self._found = Population()
 
     def scan(self, root: Usd.Prim, links: tuple[Link, ...], outer: tuple[Level, ...]) -> None:
@@ -180,6 +182,7 @@ class _Walk:
         for (kind, *_), seen in self._seen.items():
             if kind == "field":
                 carried = any(appearance.placement.links for appearance in seen)
+                seen = [self._with_named_material(each) for each in seen]
                 seen.sort(key=lambda appearance: appearance.order)
                 crop = find_crop(seen[0].levels[-1].prim, carried=carried)
                 _enlist(self._found.fields, seen, crop)
@@ -201,13 +204,23 @@ class _Walk:
     def _add_rprim(
         self, kind: Kind, prim: Usd.Prim, links: tuple[Link, ...], levels: tuple[Level, ...]
     ) -> None:
-        placement = Placement(path=str(prim.GetPath()), links=links)
+        placement = Placement(
+            path=str(prim.GetPath()),
+            links=links,
+            asset=self._names.asset(prim),
+            material=self._names.material(prim) if kind == "field" else "",
+        )
         appearance = Appearance(placement=placement, levels=levels)
         inherited: tuple[object, ...] = (_inherited_space(prim), _cropped_alone(prim))
         if kind == "mesh":
             inherited = self._inherited_looks(prim)
         key = (kind, source_of(prim).GetPath(), inherited)
         self._seen.setdefault(key, []).append(appearance)
+
+    def _with_named_material(self, appearance: Appearance) -> Appearance:
+        placement = appearance.placement
+        name = self._names.named(self._stage, placement.material)
+        return replace(appearance, placement=replace(placement, material=name))
 
     def _check_names(self, prim: Usd.Prim) -> None:
         """Add a finding for each unknown name, of equal instances one."""
