@@ -64,6 +64,8 @@ class SplatBuffers(BufferGroup):
     """0 for splats that only hold out, shape (visible,)."""
     labels = Buffer(lambda visible: (visible,), I32)
     """Number of each splat's prim, shape (visible,)."""
+    numbered = Buffer(lambda visible: (visible, project.RECORD), F32)
+    """`ordered` with ranks in place of colours, for ids of deep samples, shape (visible, RECORD)."""
 
 
 class DisplayBuffers(BufferGroup):

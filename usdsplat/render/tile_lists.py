@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Set as AbstractSet
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from usdsplat.core.cloud import F32, I32, I64
 from usdsplat.core.errors import UsageError
-from usdsplat.kernels import bins, blend, deep, feature, median, project, walk, weigh
+from usdsplat.kernels import bins, blend, deep, deep_ids, feature, median, project, walk, weigh
 from usdsplat.kernels.device import Device
 from usdsplat.render.frame_buffers import FrameBuffers
 from usdsplat.render.occluders import NO_DEPTH, Occluders
@@ -34,6 +34,8 @@ PRODUCTS = frozenset(WANTS) - {"color", "counts", "deep"}
 """Products that can be drawn in addition to colour."""
 COLUMNS = {"albedo": feature.ALBEDO, "normals": feature.NORMAL, "depths": feature.EXPECTED}
 """Product that is a sum over contributions -> first column of the features."""
+DEEP_IDS = ("primId", "instanceId", "elementId")
+"""AOVs that a deep sample can have as ids."""
 PARTS = {"median": 0.5, "front": 0.0}
 """Product -> fraction of the coverage that is reached in the splat to find."""
 
@@ -56,9 +58,15 @@ class DeepSamples:
     left: F32
     """Transmittance of a deep holdout to a surface behind the samples of each pixel; 1 without a
     holdout, shape (h, w)."""
+    ids: I32 = field(default_factory=lambda: np.empty((0, 0), np.int32))
+    """Requested ids of each sample, one column for each, shape (n, k)."""
+    id_names: tuple[str, ...] = ()
+    """Names of the columns of `ids`, in the order of DEEP_IDS."""
+    prims: tuple[str, ...] = ()
+    """Paths of the prims that primId numbers; empty without ids."""
 
     def with_surfaces(
-        self, surface_depth: F32, drawn: npt.NDArray[np.bool_], colors: F32
+        self, surface_depth: F32, drawn: npt.NDArray[np.bool_], colors: F32, ids: I32
     ) -> DeepSamples:
         """Return the samples with one sample added per pixel where a surface is drawn.
 
@@ -68,6 +76,7 @@ class DeepSamples:
             surface_depth: Depth of the surface, shape (h, w).
             drawn: Whether a surface is drawn, shape (h, w).
             colors: Its linear RGB, shape (h, w, 3).
+            ids: All its ids, in the order of DEEP_IDS, shape (3, h, w).
         """
         ends = np.cumsum(self.counts, dtype=np.int64)
         more = np.cumsum(drawn.ravel(), dtype=np.int64)
@@ -75,18 +84,20 @@ class DeepSamples:
         kept = np.ones(len(self.depth) + int(more[-1]), bool)
         kept[places] = False
 
-        def merged(samples: F32, surfaces: F32) -> F32:
-            out = np.empty((len(kept), *samples.shape[1:]), np.float32)
+        def merged(samples: npt.NDArray[Any], surfaces: npt.NDArray[Any]) -> npt.NDArray[Any]:
+            out = np.empty((len(kept), *samples.shape[1:]), samples.dtype)
             out[kept], out[places] = samples, surfaces
             return out
 
+        columns = [DEEP_IDS.index(name) for name in self.id_names]
         left = self.left[drawn][:, None]
-        return DeepSamples(
+        return replace(
+            self,
             counts=self.counts + drawn.astype(np.uint32),
             depth=merged(self.depth, surface_depth[drawn]),
             depth_back=merged(self.depth_back, surface_depth[drawn]),
             color=merged(self.color, np.concatenate([colors[drawn] * left, left], axis=1)),
-            left=self.left,
+            ids=merged(self.ids, ids[columns][:, drawn].T) if columns else self.ids,
         )
 
 
@@ -229,14 +240,17 @@ class TileLists:
         )  # fmt: skip
         return ids, weights
 
-    def deep(self, error: float) -> DeepSamples:
+    def deep(self, error: float, ids: tuple[str, ...] = ()) -> DeepSamples:
         """Return deep samples: every contribution, or merged runs of contributions.
 
         Splats must be in a linear blend space.
 
         Args:
-            error: See `RenderSettings.deep_error`.
+            error: See `RenderSettings.deep_error`. It must be 0 with ids, because the samples of a
+                run could have different ids.
+            ids: The ids of samples that are needed, of DEEP_IDS and in its order.
         """
+        assert not (ids and error > 0)
         resident, fetch = self._device.resident, self._device.fetch
         held = resident(self.shape, np.uint32)
         walks = self._walks or self._occluders.depth.size > 0
@@ -246,23 +260,56 @@ class TileLists:
             self._deep(error, False, np.empty(0, np.int64), held, NO_DEEP)
         offsets = self._buffers.pixels.deep_offsets(*self.shape)
         total = int(self._device.run(deep.place, held, offsets))
-        memory = self._buffers.samples.take((5 if error == 0 else 6) * total)
-        color = memory[: 4 * total].reshape((total, 4))
-        near = memory[4 * total : 5 * total]
-        far = near if error == 0 else memory[5 * total :]
         left = np.broadcast_to(np.float32(1), self.shape)
-        if walks:
-            left = left.copy()
-            self._walk(
-                {"deep"}, error=error, offsets=offsets, through=left, deep=(near, far, color)
-            )
-        else:
-            self._deep(error, True, offsets, held, (near, far, color))
+        left = left.copy() if walks else left
+
+        def drawn(tiles: TileLists) -> tuple[F32, F32, F32]:
+            memory = self._buffers.samples.take((5 if error == 0 else 6) * total)
+            color = memory[: 4 * total].reshape((total, 4))
+            near = memory[4 * total : 5 * total]
+            far = near if error == 0 else memory[5 * total :]
+            out = near, far, color
+            if walks:
+                tiles._walk({"deep"}, error=error, offsets=offsets, through=left, deep=out)
+            else:
+                tiles._deep(error, True, offsets, held, out)
+            return out
+
+        near, far, color = drawn(self)
         depth = fetch(near)
         back = depth if far is near else fetch(far)
-        return DeepSamples(fetch(held), depth, back, fetch(color), left)
+        samples = DeepSamples(fetch(held), depth, back, fetch(color), left)
+        if not ids:
+            return samples
+        numbered = copy.copy(self)
+        numbered._splats = replace(self._splats, records=self._numbered())
+        found = self._ids_of(drawn(numbered)[2], ids)
+        return replace(samples, ids=found, id_names=ids, prims=self._splats.layout.prims)
 
     # --- private ---------------------------------------------------------------------------
+
+    def _numbered(self) -> F32:
+        """Return the splats' records with ranks in place of colours, see `kernels.deep_ids`."""
+        held, splats = self._buffers.splats.numbered, self._splats
+        out = held(splats.records.shape[0])
+        if held.content is not splats.stamp:
+            self._device.run(deep_ids.number, splats.records, out)
+            held.content = splats.stamp
+        return out
+
+    def _ids_of(self, color: F32, names: tuple[str, ...]) -> I32:
+        """Return the ids of deep samples that were drawn with numbered records, shape (n, k)."""
+        run, keep, splats, n = self._device.run, self._device.keep, self._splats, color.shape[0]
+        resident = self._device.resident
+        ranks, ids = resident((n, 1), np.int32), resident((4, n, 1), np.int32)
+        run(deep_ids.read_ranks, color, splats.records.shape[0], ranks)
+        run(
+            median.resolve, ranks, splats.records, splats.order, splats.sources,
+            keep(splats.layout.first_slots), keep(splats.layout.labels),
+            resident((n, 1), np.float32), ids,
+        )  # fmt: skip
+        columns = [DEEP_IDS.index(name) for name in names]
+        return np.ascontiguousarray(self._device.fetch(ids)[columns, :, 0].T)
 
     def _room(self, name: str) -> Any:
         """Return the buffers for one of PRODUCTS."""
