@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import itertools
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,6 +10,8 @@ import numpy as np
 from usdsplat.core.cloud import F32
 from usdsplat.delegate.engine import Engine
 from usdsplat.images.deep import DeepBand, DeepWriter
+from usdsplat.products.deep_ids import DeepIds, deep_ids
+from usdsplat.products.flat_rows import FlatRows
 from usdsplat.products.picture_file import PictureFile, RowsWritten
 from usdsplat.render.tile_lists import DeepSamples
 
@@ -45,35 +45,44 @@ def draw_deep(engine: Engine, file: PictureFile, *, rows_written: RowsWritten) -
     """Draw a deep picture at the engine's time. For arguments see `draw_flat`.
 
     Raises:
-        UsageError: If splats are not sorted by planar depth.
+        UsageError: If splats are not sorted by planar depth, or a row has too many samples.
         OutputError: If the file cannot be written.
     """
     plan, view, settings = file.plan, file.view, file.plan.settings
     report = DeepReport(compared=plan.compare)
-    bands = engine.render_deep(view, settings, holdout=file.holdout, band_pixels=file.band_pixels)
-    flat: Iterator[F32 | None] = itertools.repeat(None)
+    bands = engine.render_deep(
+        view,
+        settings,
+        deep_ids(plan.aovs),
+        holdout=file.holdout,
+        band_pixels=file.band_pixels,
+    )
+    flat = None
     if plan.compare:
-        trained = replace(settings, samples=1, color_mode="scene", blend_space="auto")
-        drawn = engine.render(view, trained, holdout=file.holdout, band_pixels=file.band_pixels)
-        flat = (band.arrays["color"] for band in drawn)
+        trained = replace(settings, color_mode="scene", blend_space="auto")
+        flat = FlatRows(
+            engine.render(view, trained, holdout=file.holdout, band_pixels=file.band_pixels)
+        )
+    ids = DeepIds(engine, plan.aovs)
     writer = DeepWriter(
         file.path,
         file.layout,
         merged=settings.deep_error > 0,
     )
     with writer:
-        for (y0, y1, samples), beauty in zip(bands, flat, strict=False):
+        for y0, y1, samples in bands:
             band = DeepBand(
                 counts=samples.counts,
                 depth=samples.depth,
                 depth_back=samples.depth_back,
                 color=samples.color,
+                ids=ids.channels(samples),
             )
             writer.write_band(y0, band)
             report.samples += len(samples.depth)
             report.pixels += samples.counts.size
-            if beauty is not None:
-                report.add(flattened(samples)[..., :3] - beauty[..., :3])
+            if flat is not None:
+                report.add(flattened(samples)[..., :3] - flat.take(y1 - y0)[..., :3])
             rows_written(y1 - file.layout.window[1])
     report.bytes = file.path.stat().st_size
     return report

@@ -5,8 +5,8 @@ The result flattens to the average of the pictures, and so does any part of it i
 joined. The centre of a splat that does not move has the same depth through every point of lens and
 pixel, so such a splat remains one sample.
 
-The number of contributions that are held at a time is limited. Where they do not fit, fewer rows are
-merged at a time, then fewer columns. The result does not depend on it.
+The number of contributions that are held at a time is limited. Where they do not fit, fewer rows
+are merged at a time, then fewer columns. The result does not depend on it.
 """
 
 from __future__ import annotations
@@ -24,9 +24,10 @@ from usdsplat.kernels import deep_merge
 from usdsplat.kernels.bins import TILE
 from usdsplat.kernels.device import Device
 from usdsplat.render import sampling
-from usdsplat.render.frame import bin_band, deep_samples, fetched_surfaces, prepare
+from usdsplat.render.frame import DEEP_PIXELS, bin_band, deep_samples, fetched_surfaces, prepare
 from usdsplat.render.frame_context import FrameContext
 from usdsplat.render.screen import Screen
+from usdsplat.render.settings import RenderSettings
 from usdsplat.render.specs import CameraSpec
 from usdsplat.render.tile_lists import DeepSamples
 
@@ -36,6 +37,11 @@ more is divided."""
 
 Window = tuple[int, int, int, int]
 """Pixels x0, y0, x1, y1, end exclusive."""
+
+
+def merges_deep(settings: RenderSettings, ids: int) -> bool:
+    """Return whether the samples of a deep picture with a number of ids are merged on the host."""
+    return settings.samples > 1 or (ids > 0 and settings.deep_error > 0)
 
 
 class TooManyEntries(Exception):
@@ -87,10 +93,10 @@ class DeepAccumulator:
         offsets = _offsets(samples.counts)
         weights = np.empty(len(samples.depth), np.float32)
         paints = np.empty((len(weights), 3), np.float32)
-        self._device.run(
-            deep_merge.weigh, offsets, samples.color, 1 / self._count, weights, paints
-        )
-        entries = _Entries(offsets, samples.depth, weights, paints, self._renumbered(samples))
+        self._device.run(deep_merge.weigh, offsets, samples.color, 1 / self._count, weights, paints)
+        # The depths are copied because they share their memory with colours.
+        depth, ids = samples.depth.copy(), self._renumbered(samples)
+        entries = _Entries(offsets, depth, weights, paints, ids)
         self._lists.append((1, entries))
         while len(self._lists) > 1 and self._lists[-1][0] == self._lists[-2][0]:
             self._join_last()
@@ -169,6 +175,7 @@ def render_merged_deep(
         UsageError: If one row of pixels has too many samples.
     """
     x0, y0, x1, end = screen.window
+    band_pixels = min(band_pixels, DEEP_PIXELS)
     most = HELD * band_pixels
     rows = max(1, band_pixels // (x1 - x0) // TILE) * TILE
     while y0 < end:

@@ -118,9 +118,7 @@ def render_deep(
             yield y0, y1, deep_samples(frame, camera, tiles.rows_between(y0, y1), some, error)
 
 
-def fetched_surfaces(
-    frame: FrameContext, surfaces: SurfaceBand
-) -> tuple[npt.NDArray[Any], ...]:
+def fetched_surfaces(frame: FrameContext, surfaces: SurfaceBand) -> tuple[npt.NDArray[Any], ...]:
     """Return depths, visibility, linear colours as (3, h, w), and ids of surfaces, on the host."""
     fetch = frame.device.fetch
     return (

@@ -65,7 +65,7 @@ class SplatBuffers(BufferGroup):
     labels = Buffer(lambda visible: (visible,), I32)
     """Number of each splat's prim, shape (visible,)."""
     numbered = Buffer(lambda visible: (visible, project.RECORD), F32)
-    """`ordered` with ranks in place of colours, for ids of deep samples, shape (visible, RECORD)."""
+    """`ordered` with ranks in place of colours, for deep ids, shape (visible, RECORD)."""
 
 
 class DisplayBuffers(BufferGroup):

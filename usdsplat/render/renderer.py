@@ -12,7 +12,7 @@ from usdsplat.kernels.device import CpuDevice, Device
 from usdsplat.render.aov_resolver import AVERAGED
 from usdsplat.render.band import Band
 from usdsplat.render.cpu import CpuRasterizer
-from usdsplat.render.deep_merging import render_merged_deep
+from usdsplat.render.deep_merging import merges_deep, render_merged_deep
 from usdsplat.render.frame import MOTION, render_deep, render_frame
 from usdsplat.render.frame_buffers import FrameBuffers
 from usdsplat.render.frame_context import FrameContext, Moment, TimeSampler
@@ -214,7 +214,7 @@ class Renderer:
         settings = replace(settings, blend_space="linear", color_mode="scene")
         screen = Screen.of(view)
         blend_space = settings.working_space
-        merges = settings.samples > 1 or (ids and settings.deep_error > 0)
+        merges = merges_deep(settings, len(ids))
         x0, top, x1, bottom = screen.window
 
         def still(_: float) -> Moment:
