@@ -75,9 +75,7 @@ class DeepAccumulator:
 
     def __init__(self, device: Device, count: int, most: int) -> None:
         self._device, self._count, self._most = device, count, most
-        self._lists: list[tuple[int, _Entries]] = []
-        """(number of pictures, their entries). Lists of equal numbers are joined, so that each
-        entry is copied only log2(count) times."""
+        self._entries: _Entries | None = None
         self._prims: dict[str, int] = {}
         """Path -> number of each prim, in the order of first appearance."""
         self._id_names: tuple[str, ...] = ()
@@ -97,22 +95,15 @@ class DeepAccumulator:
         # The depths are copied because they share their memory with colours.
         depth, ids = samples.depth.copy(), self._renumbered(samples)
         entries = _Entries(offsets, depth, weights, paints, ids)
-        self._lists.append((1, entries))
-        while len(self._lists) > 1 and self._lists[-1][0] == self._lists[-2][0]:
-            self._join_last()
-        if self._held > self._most:
-            while len(self._lists) > 1:
-                self._join_last()
-            # If less than half were left for further pictures, lists would be joined too often.
-            if self._held > self._most // 2:
-                raise TooManyEntries
+        # Pictures are added one by one, so that rounding does not depend on anything else.
+        self._entries = entries if self._entries is None else self._joined(self._entries, entries)
+        if len(self._entries.depth) > self._most:
+            raise TooManyEntries
 
     def finish(self, error: float) -> DeepSamples:
         """Return the merged samples. For `error` see `RenderSettings.deep_error`."""
-        while len(self._lists) > 1:
-            self._join_last()
-        run, ((_, entries),) = self._device.run, self._lists
-        self._lists = []
+        run, entries = self._device.run, self._entries
+        assert entries is not None
         k, places = entries.ids.shape[1], np.empty(len(entries.offsets) - 1, np.int64)
         nothing = np.empty(0, np.float32)
         none = nothing, nothing, np.empty((0, 4), np.float32), np.empty((0, k), np.int32)
@@ -131,13 +122,9 @@ class DeepAccumulator:
 
     # --- private ---------------------------------------------------------------------------
 
-    @property
-    def _held(self) -> int:
-        return sum(len(entries.depth) for _, entries in self._lists)
-
     def _renumbered(self, samples: DeepSamples) -> I32:
         """Return the ids of a picture, with the prims' numbers in all pictures."""
-        ids = samples.ids
+        ids = samples.ids.copy()
         if "primId" in samples.id_names:
             known = self._prims
             table = [known.setdefault(path, len(known)) for path in samples.prims]
@@ -145,9 +132,8 @@ class DeepAccumulator:
             ids[:, column] = np.array(table, np.int32)[ids[:, column]]
         return ids
 
-    def _join_last(self) -> None:
-        """Join the last two lists."""
-        (count, last), (other, first) = self._lists.pop(), self._lists.pop()
+    def _joined(self, first: _Entries, last: _Entries) -> _Entries:
+        """Return two lists as one."""
         run, k = self._device.run, first.ids.shape[1]
         places, nothing = np.empty(len(first.offsets) - 1, np.int64), np.empty(0, np.float32)
         none = nothing, nothing, np.empty((0, 3), np.float32), np.empty((0, k), np.int32)
@@ -161,7 +147,7 @@ class DeepAccumulator:
             np.empty((n, k), np.int32),
         )
         run(deep_merge.join, first.arrays, last.arrays, True, offsets[:-1].copy(), out)
-        self._lists.append((count + other, _Entries(offsets, *out)))
+        return _Entries(offsets, *out)
 
 
 def render_merged_deep(
