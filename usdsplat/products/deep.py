@@ -63,7 +63,7 @@ def draw_deep(engine: Engine, file: PictureFile, *, rows_written: RowsWritten) -
         flat = FlatRows(
             engine.render(view, trained, holdout=file.holdout, band_pixels=file.band_pixels)
         )
-    ids = DeepIds(engine, plan.aovs)
+    ids = DeepIds(engine, plan)
     writer = DeepWriter(
         file.path,
         file.layout,

@@ -11,6 +11,7 @@ from usdsplat.delegate.engine import Engine
 from usdsplat.images.aovs import AOVS
 from usdsplat.images.cryptomatte import object_hash
 from usdsplat.images.deep_aovs import is_cryptomatte
+from usdsplat.products.request import PicturePlan
 from usdsplat.render.tile_lists import DEEP_IDS, DeepSamples
 
 
@@ -25,11 +26,12 @@ class DeepIds:
 
     Args:
         engine: Engine at the picture's time.
-        aovs: AOVs of the picture.
+        plan: Plan of the picture.
     """
 
-    def __init__(self, engine: Engine, aovs: tuple[str, ...]) -> None:
-        self._aovs = tuple(name for name in aovs if name not in ("color", "Z"))
+    def __init__(self, engine: Engine, plan: PicturePlan) -> None:
+        self._aovs = tuple(name for name in plan.aovs if name not in ("color", "Z"))
+        self._alpha = np.float32 if plan.pixel_type == "float" else np.float16
         paths = engine.stage_info().prims if "id" in self._aovs else ()
         self._numbers = {path: number for number, path in enumerate(paths)}
 
@@ -42,7 +44,9 @@ class DeepIds:
             if is_cryptomatte(name):
                 hashes = np.array([object_hash(path) for path in samples.prims], np.float32)
                 zero = np.zeros(len(samples.depth), np.float32)
-                ranks = hashes[columns["primId"]], samples.color[:, 3].copy(), zero, zero
+                # The coverage is A as it is stored, so that both flatten to the same.
+                coverage = samples.color[:, 3].astype(self._alpha).astype(np.float32)
+                ranks = hashes[columns["primId"]], coverage, zero, zero
                 found |= zip(aov.channels[:4], ranks, strict=True)
             elif name == "id":
                 numbers = np.array([self._numbers[path] for path in samples.prims], np.uint32)
