@@ -18,6 +18,7 @@ from tests.cli.test_render import SMALL, header, read
 from usdsplat import schema
 from usdsplat.images.deep import DeepBand, DeepWriter
 from usdsplat.images.layout import ImageLayout
+from usdsplat.render import memory
 
 pytestmark = pytest.mark.usefixtures("compiled")
 BLURRED = ("--frames", 2, "--samples", 16, "--pixel-filter", "gaussian", "--no-compare")
@@ -241,8 +242,9 @@ def test_flags_without_effect_are_said(run, shot, tmp_path, flags, found):
         np.testing.assert_array_equal(ours[name], values)
 
 
-def test_little_memory_changes_no_sample(run, blurred, tmp_path):
+def test_little_memory_changes_no_sample(run, blurred, tmp_path, monkeypatch):
     """Oracle: the file drawn without a limit; a limit that is too low says so."""
+    monkeypatch.setattr(memory, "resident", lambda: 300 << 20)
     given = ("render", blurred, "--deep", "--aovs", "id", *BLURRED, "--resolution", "96x64")
     assert run(*given, "-o", tmp_path / "a.exr")[0] == 0
     assert run(*given, "-o", tmp_path / "b.exr", "--memory-limit", "420M")[0] == 0
