@@ -169,13 +169,21 @@ def drawn(device: Device, case: Case, *, size: tuple[int, int], splats: int) -> 
 
 
 def drawn_deep(
-    device: Device, case: Case, error: float, *, size: tuple[int, int], splats: int
+    device: Device,
+    case: Case,
+    error: float,
+    *,
+    size: tuple[int, int],
+    splats: int,
+    aovs: tuple[str, ...] = (),
+    samples: int = 1,
 ) -> list[DeepSamples]:
     """A case as a deep picture, band by band."""
     scene, view = scene_of(case, splats), view_on(case, size)
-    settings = settings_of(**case.settings, deep_error=error)
-    bands = Renderer(device).render_deep(scene, view, settings, holdout=holdout_of(case))
-    return [
-        DeepSamples(*(each.copy() for each in (s.counts, s.depth, s.depth_back, s.color, s.left)))
-        for _, _, s in bands
-    ]
+    settings = settings_of(**case.settings | {"samples": samples}, deep_error=error)
+    bands = Renderer(device).render_deep(
+        scene, view, settings, aovs,
+        sampler=lambda time: (scene, _moved(view, time)), holdout=holdout_of(case),
+    )  # fmt: skip
+    names = ("counts", "depth", "depth_back", "color", "left", "ids")
+    return [replace(s, **{name: getattr(s, name).copy() for name in names}) for _, _, s in bands]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tests.render import everything
-from tests.render.rendering import settings_of
+from tests.render.rendering import lens, random_cloud, scene_of, settings_of, view_of
 from tests.render.test_deep import flattened
 from usdsplat.core.errors import UsageError
 from usdsplat.images.cryptomatte import object_hash
@@ -200,6 +200,19 @@ def test_the_samples_of_a_prim_sum_to_its_cryptomatte() -> None:
         expected = np.where(mattes[..., 0] == object_hash(path), mattes[..., 1], 0).sum(axis=1)
         assert expected.max() > 0.2
         np.testing.assert_allclose(found, expected, atol=2e-5)
+
+
+@pytest.mark.parametrize("samples", [1, 3])
+def test_a_picture_without_anything_has_no_samples(samples) -> None:
+    """Oracle: the numbers of samples, and the types of arrays that a file needs."""
+    scene = scene_of((random_cloud(1), np.eye(4)))
+    view = view_of(lens())
+    away = replace(view, camera=replace(view.camera, clipping_range=(1e5, 1e6)))
+    settings = settings_of(samples=samples)
+    ((y0, y1, deep),) = Renderer(open_device()).render_deep(scene, away, settings, DEEP_IDS)
+    assert (y0, y1) == (0, SIZE[1]) and not deep.counts.any() and deep.counts.dtype == np.uint32
+    assert deep.color.shape == (0, 4) and deep.ids.shape == (0, 3) and deep.depth.shape == (0,)
+    assert deep.id_names == DEEP_IDS and deep.prims == ("/field0",)
 
 
 def test_only_ids_can_be_asked_of_samples() -> None:

@@ -105,6 +105,7 @@ def test_ids_of_deep_samples_take_what_is_declared(settings):
     assert one.splats - none.splats == two.splats - none.splats > 0
     plain = needed(scene, deep=True).band
     if "samples" in settings:
+        # sums of the flat picture that a deep one is compared with, and entries
         assert none.band - plain == (16 + 40 * 64) * pixels
 
 

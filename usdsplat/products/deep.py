@@ -71,6 +71,7 @@ def draw_deep(engine: Engine, file: PictureFile, *, rows_written: RowsWritten) -
     )
     with writer:
         for y0, y1, samples in bands:
+            beauty = None if flat is None else flat.take(y1 - y0)
             band = DeepBand(
                 counts=samples.counts,
                 depth=samples.depth,
@@ -81,8 +82,8 @@ def draw_deep(engine: Engine, file: PictureFile, *, rows_written: RowsWritten) -
             writer.write_band(y0, band)
             report.samples += len(samples.depth)
             report.pixels += samples.counts.size
-            if flat is not None:
-                report.add(flattened(samples)[..., :3] - flat.take(y1 - y0)[..., :3])
+            if beauty is not None:
+                report.add(flattened(samples)[..., :3] - beauty[..., :3])
             rows_written(y1 - file.layout.window[1])
     report.bytes = file.path.stat().st_size
     return report

@@ -102,7 +102,7 @@ class DeepAccumulator:
 
     def finish(self, error: float) -> DeepSamples:
         """Return the merged samples. For `error` see `RenderSettings.deep_error`."""
-        run, entries = self._device.run, self._entries
+        run, entries, error = self._device.run, self._entries, float(error)
         assert entries is not None
         k, places = entries.ids.shape[1], np.empty(len(entries.offsets) - 1, np.int64)
         nothing = np.empty(0, np.float32)

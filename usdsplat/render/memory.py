@@ -19,7 +19,7 @@ from usdsplat.images.aovs import AOVS
 from usdsplat.kernels import bins, triangles
 from usdsplat.render.aov_resolver import BESIDE_MEDIAN, SUMMED
 from usdsplat.render.buffers import Buffer, Sizes
-from usdsplat.render.deep_merging import HELD, merges_deep
+from usdsplat.render.deep_memory import deep_bytes
 from usdsplat.render.draw_list import DrawList, Group
 from usdsplat.render.frame import DEEP_PIXELS
 from usdsplat.render.frame_buffers import FrameBuffers, SurfaceBuffers, TriangleBuffers
@@ -46,12 +46,6 @@ DEEP_SAMPLES = 48
 DEEP_SAMPLE = 80
 """Bytes per deep sample: 24 in arrays, 24 in the copy with surfaces, 24 in the previous strip that
 the caller still holds, 8 in rows that are being written."""
-DEEP_ID = 24
-"""Bytes per deep sample and id: 4 in each of these arrays, in their channel, and in rows that are
-being written; ids are found from samples that are drawn a second time."""
-HELD_ENTRY = 40
-"""Bytes per contribution that is held while deep samples are merged: 20 in its list, 20 in the list
-that it is joined to. Each id takes 8 more."""
 WRITER, WRITER_ROWS = 4, 64
 """Number of copies of the rows that are being written to a file, and number of these rows."""
 
@@ -150,10 +144,9 @@ def estimate(
     kept = 0
     if request.deep:
         top, bottom = next(screen.bands(min(band_pixels, DEEP_PIXELS)))
-        each = DEEP_SAMPLES * (DEEP_SAMPLE + DEEP_ID * request.deep_ids)
-        if merges_deep(settings, request.deep_ids):
-            each += HELD * (HELD_ENTRY + 8 * request.deep_ids)
-        kept = (bottom - top) * (x1 - x0) * each
+        kept = (bottom - top) * (x1 - x0) * DEEP_SAMPLES * DEEP_SAMPLE
+        more = deep_bytes(settings, request.deep_ids, DEEP_SAMPLES)
+        kept += (bottom - top) * (x1 - x0) * more
     channels = sum(len(aov.channels) for aov in AOVS.values() if aov.hydra in request.aovs)
     writing = WRITER * WRITER_ROWS * (x1 - x0) * 4 * channels
     in_band += pixels * (HOLDOUT_ROWS * request.holds_out + _of_view(settings, request))

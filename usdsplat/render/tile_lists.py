@@ -301,6 +301,8 @@ class TileLists:
         """Return the ids of deep samples that were drawn with numbered records, shape (n, k)."""
         run, keep, splats, n = self._device.run, self._device.keep, self._splats, color.shape[0]
         resident = self._device.resident
+        if n == 0:
+            return np.empty((0, len(names)), np.int32)
         ranks, ids = resident((n, 1), np.int32), resident((4, n, 1), np.int32)
         run(deep_ids.read_ranks, color, splats.records.shape[0], ranks)
         run(
