@@ -242,6 +242,21 @@ def test_flags_without_effect_are_said(run, shot, tmp_path, flags, found):
         np.testing.assert_array_equal(ours[name], values)
 
 
+def test_blur_that_is_left_out_or_too_wide_is_said_of_deep_pictures_too(run, blurred, tmp_path):
+    """Oracle: the findings on flat pictures."""
+    stage = Usd.Stage.Open(str(blurred))
+    UsdGeom.Camera(stage.GetPrimAtPath("/World/Cam")).GetFStopAttr().Set(0.5)
+    stage.GetRootLayer().Save()
+    for samples, code in ((1, "note [no-blur]"), (2, "warning [wide-lens]")):
+        said = []
+        for flags in ((), ("--deep", "--no-compare")):
+            given = ("--samples", samples, "--frames", 1, *SMALL, *flags)
+            status, _, err = run("render", blurred, "-o", tmp_path / "a.exr", *given)
+            assert status == 0
+            said.append([line for line in err.splitlines() if code in line])
+        assert said[0] == said[1] and len(said[0]) == 1
+
+
 def test_little_memory_changes_no_sample(run, blurred, tmp_path, monkeypatch):
     """Oracle: the file drawn without a limit; a limit that is too low says so."""
     monkeypatch.setattr(memory, "resident", lambda: 300 << 20)

@@ -7,7 +7,7 @@ import pytest
 
 from usdsplat.kernels.device import CpuDevice
 from usdsplat.render.deep_merging import DeepAccumulator, TooManyEntries
-from usdsplat.render.tile_lists import DeepSamples
+from usdsplat.render.deep_samples import DeepSamples
 
 PIXELS = (3, 5)
 

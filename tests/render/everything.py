@@ -15,6 +15,7 @@ import numpy as np
 from tests.render.rendering import lens, random_cloud, settings_of, view_of
 from tests.render.surface_scenes import add, mesh, sheet
 from usdsplat.kernels.device import Device
+from usdsplat.render.deep_samples import DeepSamples
 from usdsplat.render.renderer import AOVS, Renderer
 from usdsplat.render.scene import RenderScene
 from usdsplat.render.specs import (
@@ -27,7 +28,6 @@ from usdsplat.render.specs import (
     TextureSpec,
     View,
 )
-from usdsplat.render.tile_lists import DeepSamples
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

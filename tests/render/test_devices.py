@@ -8,7 +8,7 @@ import pytest
 from tests.devices import device_of
 from tests.render.everything import CASES, DEEP, drawn, drawn_deep
 from usdsplat.kernels.device import CpuDevice, Device
-from usdsplat.render.tile_lists import DEEP_IDS
+from usdsplat.render.deep_samples import DEEP_IDS
 
 SIZE, SPLATS = (150, 110), 400
 CLOSE = 1e-3

@@ -151,7 +151,7 @@ CODES: dict[str, Code] = {
     ),
     "deep-aovs": Code(
         "warning",
-        "a deep picture holds only color, Z, ids and Cryptomattes",
+        "a deep picture holds only color, Z, ids and cryptoObject",
         "request the other AOVs with a flat product",
         "the others are left out",
     ),

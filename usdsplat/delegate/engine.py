@@ -26,13 +26,13 @@ from usdsplat.delegate.stage_info import StageInfo
 from usdsplat.delegate.time_sampler import other_times
 from usdsplat.render.band import Band
 from usdsplat.render.cost import Work
+from usdsplat.render.deep_samples import DeepSamples
 from usdsplat.render.frame_stats import FrameStats
 from usdsplat.render.memory import COLOR_ALONE, Estimate, PictureRequest, estimate
 from usdsplat.render.renderer import BAND_PIXELS, ReadHoldout, TimeSampler, depends_on_time
 from usdsplat.render.scene import RenderScene
 from usdsplat.render.settings import RenderSettings
 from usdsplat.render.specs import CameraSpec, Framing, View
-from usdsplat.render.tile_lists import DeepSamples
 
 PURPOSES = ("default", "render")
 
@@ -285,7 +285,7 @@ class Engine:
         """Return all contributions to every pixel, in strips of a band: (y0, y1, samples).
 
         Colours are premultiplied, linear, in the working space; sorted by zDepth or rayHitDistance.
-        `aovs` are ids, names in `tile_lists.DEEP_IDS`. Other arguments are those of `render`.
+        `aovs` are ids, names in `deep_samples.DEEP_IDS`. Other arguments are those of `render`.
 
         Raises:
             UsageError: If splats are sorted by another key, or a row has too many samples.

@@ -23,12 +23,9 @@ MEANINGS = {
 CRYPTOMATTE = "Cryptomatte of the sample: R = hash of its name, G = its opacity, B = A = 0"
 
 
-def is_cryptomatte(name: str) -> bool:
-    """Return whether an AOV is a Cryptomatte."""
-    return name.startswith("crypto")
-
-
-DEEP_AOVS = tuple(name for name in AOVS if name in MEANINGS or is_cryptomatte(name))
+CRYPTOMATTES = ("cryptoObject",)
+"""Cryptomattes of deep pictures: those whose name follows from a sample's prim."""
+DEEP_AOVS = tuple(name for name in AOVS if name in MEANINGS or name in CRYPTOMATTES)
 """AOVs that a deep picture can have. It always has color and Z."""
 
 
@@ -38,7 +35,7 @@ def id_channels(aovs: tuple[str, ...]) -> Channels:
     for name in aovs:
         if AOVS[name].kind == "id":
             found |= dict.fromkeys(AOVS[name].channels, np.dtype("<u4"))
-        elif is_cryptomatte(name):
+        elif name in CRYPTOMATTES:
             found |= dict.fromkeys(AOVS[name].channels[:4], np.dtype("<f4"))
     return dict(sorted(found.items()))
 

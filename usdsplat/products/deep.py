@@ -13,7 +13,7 @@ from usdsplat.images.deep import DeepBand, DeepWriter
 from usdsplat.products.deep_ids import DeepIds, deep_ids
 from usdsplat.products.flat_rows import FlatRows
 from usdsplat.products.picture_file import PictureFile, RowsWritten
-from usdsplat.render.tile_lists import DeepSamples
+from usdsplat.render.deep_samples import DeepSamples
 
 
 @dataclass(slots=True)

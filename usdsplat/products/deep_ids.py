@@ -10,14 +10,14 @@ import numpy.typing as npt
 from usdsplat.delegate.engine import Engine
 from usdsplat.images.aovs import AOVS
 from usdsplat.images.cryptomatte import object_hash
-from usdsplat.images.deep_aovs import is_cryptomatte
+from usdsplat.images.deep_aovs import CRYPTOMATTES
 from usdsplat.products.request import PicturePlan
-from usdsplat.render.tile_lists import DEEP_IDS, DeepSamples
+from usdsplat.render.deep_samples import DEEP_IDS, DeepSamples
 
 
 def deep_ids(aovs: tuple[str, ...]) -> tuple[str, ...]:
     """Return the ids that the renderer must find for the AOVs of a deep picture."""
-    wanted = {"primId" if is_cryptomatte(name) else AOVS[name].hydra for name in aovs}
+    wanted = {"primId" if name in CRYPTOMATTES else AOVS[name].hydra for name in aovs}
     return tuple(name for name in DEEP_IDS if name in wanted)
 
 
@@ -41,7 +41,7 @@ class DeepIds:
         columns = dict(zip(samples.id_names, samples.ids.T, strict=True)) if self._aovs else {}
         for name in self._aovs:
             aov = AOVS[name]
-            if is_cryptomatte(name):
+            if name in CRYPTOMATTES:
                 hashes = np.array([object_hash(path) for path in samples.prims], np.float32)
                 zero = np.zeros(len(samples.depth), np.float32)
                 # The coverage is A as it is stored, so that both flatten to the same.

@@ -24,12 +24,12 @@ from usdsplat.kernels import deep_merge
 from usdsplat.kernels.bins import TILE
 from usdsplat.kernels.device import Device
 from usdsplat.render import sampling
+from usdsplat.render.deep_samples import DeepSamples
 from usdsplat.render.frame import DEEP_PIXELS, bin_band, deep_samples, fetched_surfaces, prepare
 from usdsplat.render.frame_context import FrameContext
 from usdsplat.render.screen import Screen
 from usdsplat.render.settings import RenderSettings
 from usdsplat.render.specs import CameraSpec
-from usdsplat.render.tile_lists import DeepSamples
 
 HELD = 64
 """Contributions of a pixel that are held at a time, on average over a band. A region that needs
@@ -223,7 +223,7 @@ def _row_by_columns(
         except TooManyEntries:
             if columns == 1 or held > most:
                 found = f"more than {most:,} samples in the row of pixels {y0}"
-                expected = "fewer --samples, a larger --deep-error, or more memory"
+                expected = "fewer --samples, a larger --deep-error or --memory-limit"
                 raise UsageError("--deep", found, expected) from None
             columns //= 2
             continue

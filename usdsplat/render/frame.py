@@ -30,6 +30,7 @@ from usdsplat.render import sampling
 from usdsplat.render.accumulator import SampleAccumulator
 from usdsplat.render.aov_resolver import AVERAGED, SUMMED, AovResolver, composited
 from usdsplat.render.band import Band
+from usdsplat.render.deep_samples import DeepSamples
 from usdsplat.render.display import displayed
 from usdsplat.render.frame_context import FrameContext, FrameSample
 from usdsplat.render.motion import Motion
@@ -39,7 +40,7 @@ from usdsplat.render.rasterizer import WholeImage
 from usdsplat.render.screen import Screen
 from usdsplat.render.specs import CameraSpec
 from usdsplat.render.surfaces import SurfaceBand, Surfaces
-from usdsplat.render.tile_lists import DeepSamples, TileLists
+from usdsplat.render.tile_lists import TileLists
 
 MOTION = {"motionForward", "motionBackward"}
 """AOVs that need the neighbouring frames."""
@@ -104,7 +105,7 @@ def render_deep(
 ) -> Iterator[tuple[int, int, DeepSamples]]:
     """Return all contributions to each pixel, in strips of a band: (y0, y1, samples).
 
-    Samples have those AOVs of `tile_lists.DEEP_IDS` as ids that `frame.aovs` contains.
+    Samples have those AOVs of `deep_samples.DEEP_IDS` as ids that `frame.aovs` contains.
     """
     sample = prepare(frame, sampling.Sample(), screen.window, ())
     x0, _, x1, _ = screen.window

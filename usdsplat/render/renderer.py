@@ -13,6 +13,7 @@ from usdsplat.render.aov_resolver import AVERAGED
 from usdsplat.render.band import Band
 from usdsplat.render.cpu import CpuRasterizer
 from usdsplat.render.deep_merging import merges_deep, render_merged_deep
+from usdsplat.render.deep_samples import DEEP_IDS, DeepSamples
 from usdsplat.render.frame import MOTION, render_deep, render_frame
 from usdsplat.render.frame_buffers import FrameBuffers
 from usdsplat.render.frame_context import FrameContext, Moment, TimeSampler
@@ -25,7 +26,6 @@ from usdsplat.render.screen import Screen
 from usdsplat.render.settings import RenderSettings
 from usdsplat.render.specs import CameraSpec, View
 from usdsplat.render.surface_cache import SurfaceCache
-from usdsplat.render.tile_lists import DEEP_IDS, DeepSamples
 
 AOVS = (
     *AVERAGED,
@@ -197,7 +197,7 @@ class Renderer:
         samples of shutter, lens and pixel are merged.
 
         Args:
-            aovs: Ids that samples need, of `tile_lists.DEEP_IDS`; samples with different ids are
+            aovs: Ids that samples need, of `deep_samples.DEEP_IDS`; samples with different ids are
                 never merged.
 
         Raises:

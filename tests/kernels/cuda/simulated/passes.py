@@ -14,7 +14,7 @@ from usdsplat.kernels.cuda.device import CudaDevice
 from usdsplat.kernels.cuda.quarter_lists import SIDE
 from usdsplat.kernels.device import CpuDevice
 from usdsplat.kernels.launch import Kernel
-from usdsplat.render.tile_lists import DEEP_IDS
+from usdsplat.render.deep_samples import DEEP_IDS
 
 SIZE, SPLATS = (20, 18), 7
 DEEP = ("splats alone", "deep holdout")
