@@ -8,7 +8,7 @@ import pytest
 from tests.flattening import over
 from usdsplat.products.deep import DeepReport
 from usdsplat.products.flattening import flattened
-from usdsplat.render.tile_lists import DeepSamples
+from usdsplat.render.deep_samples import DeepSamples
 
 
 def test_samples_flatten_near_over_far():

@@ -7,7 +7,7 @@ import pytest
 
 from tests.flattening import over
 from usdsplat.products.deep_color import scaled_to
-from usdsplat.render.tile_lists import DeepSamples
+from usdsplat.render.deep_samples import DeepSamples
 
 
 def random_samples(seed):

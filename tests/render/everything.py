@@ -15,6 +15,7 @@ import numpy as np
 from tests.render.rendering import lens, random_cloud, settings_of, view_of
 from tests.render.surface_scenes import add, mesh, sheet
 from usdsplat.kernels.device import Device
+from usdsplat.render.deep_samples import DeepSamples
 from usdsplat.render.renderer import AOVS, Renderer
 from usdsplat.render.scene import RenderScene
 from usdsplat.render.specs import (
@@ -27,7 +28,6 @@ from usdsplat.render.specs import (
     TextureSpec,
     View,
 )
-from usdsplat.render.tile_lists import DeepSamples
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -180,13 +180,21 @@ def drawn(device: Device, case: Case, *, size: tuple[int, int], splats: int) -> 
 
 
 def drawn_deep(
-    device: Device, case: Case, error: float, *, size: tuple[int, int], splats: int
+    device: Device,
+    case: Case,
+    error: float,
+    *,
+    size: tuple[int, int],
+    splats: int,
+    aovs: tuple[str, ...] = (),
+    samples: int = 1,
 ) -> list[DeepSamples]:
     """A case as a deep picture, band by band."""
     scene, view = scene_of(case, splats), view_on(case, size)
-    settings = settings_of(**case.settings, deep_error=error)
-    bands = Renderer(device).render_deep(scene, view, settings, holdout=holdout_of(case))
-    return [
-        DeepSamples(*(each.copy() for each in (s.counts, s.depth, s.depth_back, s.color, s.left)))
-        for _, _, s in bands
-    ]
+    settings = settings_of(**case.settings | {"samples": samples}, deep_error=error)
+    bands = Renderer(device).render_deep(
+        scene, view, settings, aovs,
+        sampler=lambda time: (scene, _moved(view, time)), holdout=holdout_of(case),
+    )  # fmt: skip
+    names = ("counts", "depth", "depth_back", "color", "left", "ids")
+    return [replace(s, **{name: getattr(s, name).copy() for name in names}) for _, _, s in bands]

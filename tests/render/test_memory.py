@@ -92,6 +92,28 @@ def test_a_deep_picture_allocates_what_is_declared(name):
     check(renderer, scene, view, settings, request)
 
 
+@pytest.mark.parametrize("settings", [{}, {"samples": 3}, {"deep_error": 0.01}])
+def test_ids_of_deep_samples_take_what_is_declared(settings):
+    """Oracle: as above; the estimate has more bytes for each id, and for merging."""
+    case = everything.CASES["surfaces"]
+    scene, view = everything.scene_of(case, 300), everything.view_on(case, SIZE)
+    renderer = Renderer(open_device("cpu", threads=2))
+    for _ in renderer.render_deep(scene, view, settings_of(**settings), ("primId",)):
+        pass
+    request = PictureRequest(aovs=(), deep=True, deep_ids=1)
+    check(renderer, scene, view, settings_of(**settings), request)
+    pixels = 64 * 256
+    how = replace(SETTINGS, **settings)
+    none, one, two = (needed(scene, deep=True, deep_ids=ids, settings=how) for ids in range(3))
+    merging = 8 * 64 if settings else 0
+    assert two.band - one.band == (24 * 48 + merging) * pixels
+    assert one.splats - none.splats == two.splats - none.splats > 0
+    plain = needed(scene, deep=True).band
+    if "samples" in settings:
+        # sums of the flat picture that a deep one is compared with, and entries
+        assert none.band - plain == (16 + 40 * 64) * pixels
+
+
 def check(renderer, scene, view, settings, request) -> None:
     """Compare the buffers of a renderer with what `memory` says of its picture."""
     made = renderer._idle[0].allocated()

@@ -11,6 +11,8 @@ examples:
       with the camera's motion blur and depth of field, and pixels around the picture
   usdsplat render shot.usd -o shot.exr --deep --holdout cg.exr
       every contribution to each pixel, except those hidden by another renderer's picture
+  usdsplat render shot.usd -o shot.exr --deep --samples 16 --aovs id,cryptoObject --deep-error 0.01
+      with blur and ids, and with neighbouring samples merged to keep the file small
   usdsplat render shot.usd -o shot.exr --color-mode inverseView --config ocio://studio-config-latest
       colours that the config's first view, here ACES 2.0, shows as they were captured
   usdsplat render shot.usd

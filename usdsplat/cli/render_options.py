@@ -67,6 +67,7 @@ class FileOptions(FileFlags):
     bake_view: Annotated[bool, option()] = False
     """apply the view transform to the file; PNGs always have it"""
     deep: Annotated[bool, option()] = False
-    """write a deep EXR, with every contribution to a pixel"""
+    """write a deep EXR, with every contribution to a pixel; it can have the AOVs color, Z, ids and
+    cryptoObject"""
     no_compare: Annotated[bool, option()] = False
     """do not compare a deep picture with a flat one; takes half the time"""

@@ -157,9 +157,15 @@ CODES: dict[str, Code] = {
     ),
     "deep-aovs": Code(
         "warning",
-        "a deep picture holds only color and Z",
+        "a deep picture holds only color, Z, ids and cryptoObject",
         "request the other AOVs with a flat product",
         "the others are left out",
+    ),
+    "deep-settings": Code(
+        "note",
+        "settings apply to flat pictures only",
+        "use them for a flat product",
+        "they have no effect on a deep picture",
     ),
     "png-aovs": Code(
         "warning",

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import itertools
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,6 +11,8 @@ from usdsplat.core.cloud import F32
 from usdsplat.delegate.engine import Engine
 from usdsplat.images.deep import DeepBand, DeepWriter
 from usdsplat.products.deep_color import MEANING, scaled_to
+from usdsplat.products.deep_ids import DeepIds, deep_ids
+from usdsplat.products.flat_rows import FlatRows
 from usdsplat.products.flattening import flattened
 from usdsplat.products.picture_file import PictureFile, RowsWritten
 
@@ -49,24 +49,33 @@ def draw_deep(engine: Engine, file: PictureFile, *, rows_written: RowsWritten) -
     """Draw a deep picture at the engine's time. For arguments see `draw_flat`.
 
     Raises:
-        UsageError: If splats are not sorted by planar depth.
+        UsageError: If splats are not sorted by planar depth, or a row has too many samples.
         OutputError: If the file cannot be written.
     """
     plan, view, settings = file.plan, file.view, file.plan.settings
     report = DeepReport(compared=plan.compare)
-    bands = engine.render_deep(view, settings, holdout=file.holdout, band_pixels=file.band_pixels)
-    flat: Iterator[F32 | None] = itertools.repeat(None)
+    bands = engine.render_deep(
+        view,
+        settings,
+        deep_ids(plan.aovs),
+        holdout=file.holdout,
+        band_pixels=file.band_pixels,
+    )
+    flat = None
+    if plan.needs_flat:
+        trained = replace(settings, color_mode="scene", blend_space="auto")
+        flat = FlatRows(
+            engine.render(view, trained, holdout=file.holdout, band_pixels=file.band_pixels)
+        )
     layout, scales = file.layout, settings.deep_color == "beauty"
     stored = np.float32 if layout.pixel_type == "float" else np.float16
-    if plan.needs_flat:
-        trained = replace(settings, samples=1, color_mode="scene", blend_space="auto")
-        drawn = engine.render(view, trained, holdout=file.holdout, band_pixels=file.band_pixels)
-        flat = (band.arrays["color"] for band in drawn)
     if scales:
         layout = replace(layout, metadata={**layout.metadata, "usdsplat:aov:color": MEANING})
+    ids = DeepIds(engine, plan)
     writer = DeepWriter(file.path, layout, merged=settings.deep_error > 0)
     with writer:
-        for (y0, y1, samples), beauty in zip(bands, flat, strict=False):
+        for y0, y1, samples in bands:
+            beauty = None if flat is None else flat.take(y1 - y0)
             if scales and beauty is not None:
                 samples = scaled_to(samples, beauty, stored)
             band = DeepBand(
@@ -74,6 +83,7 @@ def draw_deep(engine: Engine, file: PictureFile, *, rows_written: RowsWritten) -
                 depth=samples.depth,
                 depth_back=samples.depth_back,
                 color=samples.color,
+                ids=ids.channels(samples),
             )
             writer.write_band(y0, band)
             report.samples += len(samples.depth)

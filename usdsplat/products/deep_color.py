@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from usdsplat.core.cloud import F32
 from usdsplat.products.flattening import flattened
-from usdsplat.render.tile_lists import DeepSamples
+from usdsplat.render.deep_samples import DeepSamples
 
 MEANING = (
     "premultiplied linear radiance of one sample in the space of colorInteropID, scaled per pixel "

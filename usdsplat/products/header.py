@@ -121,7 +121,7 @@ def picture_header(engine: Engine, plan: PicturePlan, view: View, *, origin: Ori
         **picture_metadata(
             stage=origin.stage,
             frame=origin.frame,
-            samples=1 if plan.deep else plan.settings.samples,
+            samples=plan.settings.samples,
             exposure=view.camera.exposure,
         ),
         "usdsplat:camera": view.camera.path or origin.camera,

@@ -12,7 +12,9 @@ from usdsplat.delegate.engine import PURPOSES, Engine
 from usdsplat.delegate.product import ProductSpec
 from usdsplat.images import COLOR_MODES, default_color_mode, open_writer
 from usdsplat.images.aovs import find_aovs
+from usdsplat.images.deep_aovs import DEEP_AOVS
 from usdsplat.images.frame_numbers import FileName, frame_path
+from usdsplat.products import remarks
 from usdsplat.products.header import layout_of
 from usdsplat.products.request import MOST_PIXELS, PicturePlan, RenderRequest
 from usdsplat.render.framing import CONFORM
@@ -23,8 +25,6 @@ from usdsplat.render.specs import Framing
 KNOWN_PURPOSES = ("default", "render", "proxy", "guide")
 KINDS = ("raster", "deepRaster")
 """Supported `productType` values."""
-DEEP_AOVS = ("color", "Z")
-"""AOVs of a deep picture."""
 
 
 def plan_pictures(engine: Engine, request: RenderRequest) -> tuple[PicturePlan, ...]:
@@ -98,8 +98,10 @@ def _finished(request: RenderRequest, spec: ProductSpec, camera: str | None) -> 
         _check_deep(request, output, others)
         if others:
             found = f"{', '.join(others)} in a deep picture"
-            findings = (*findings, finding("deep-aovs", where, found, "only color and Z"))
-        names = ("color",)
+            expected = f"only {', '.join(DEEP_AOVS)}"
+            findings = (*findings, finding("deep-aovs", where, found, expected))
+        names = ("color", *(name for name in names if name in DEEP_AOVS[2:]))
+        findings = (*findings, *remarks.without_effect(where, spec.settings))
     settings = spec.settings
     if deep or settings.color_mode == "auto":
         settings = replace(settings, color_mode="scene" if deep else suited)
@@ -149,7 +151,8 @@ def _check_deep(request: RenderRequest, output: str, others: list[str]) -> None:
     if request.bake_view:
         raise UsageError("--bake-view", "a deep picture", "a flat one: views are not linear")
     if request.aovs and others:
-        raise UsageError("--aovs", ",".join(others), "color or Z in a deep picture")
+        expected = f"some of {', '.join(DEEP_AOVS)} in a deep picture"
+        raise UsageError("--aovs", ",".join(others), expected)
 
 
 def _framing(request: RenderRequest, framing: Framing, where: str) -> Framing:

@@ -50,7 +50,7 @@ class Work:
         """
         passes = sum(PASSES.get(name, OTHER) for name in self.aovs)
         if self.deep:
-            passes += DEEP
+            passes = PASSES["color"] + DEEP * (1 if len(self.aovs) == 1 else 2)  # again for ids
         if self.settings.sorting == "rayHitDistance":
             passes *= BY_RAY
         once = PER_SPLAT * splats * self.pictures + PER_PIXEL * passes * self.pixels

@@ -66,6 +66,8 @@ class SplatBuffers(BufferGroup):
     """Number of each splat's prim, shape (visible,)."""
     groups = Buffer(lambda drawn: (drawn,), I32)
     """Group of each splat in the layer of Cryptomatte that is being weighed, shape (drawn,)."""
+    numbered = Buffer(lambda visible: (visible, project.RECORD), F32)
+    """`ordered` with ranks in place of colours, for deep ids, shape (visible, RECORD)."""
 
 
 class DisplayBuffers(BufferGroup):

@@ -21,6 +21,7 @@ from usdsplat.images.holdout_nodes import STRIP
 from usdsplat.kernels import bins, triangles
 from usdsplat.render.aov_resolver import BESIDE_MEDIAN, SUMMED
 from usdsplat.render.buffers import Buffer, Sizes
+from usdsplat.render.deep_memory import deep_bytes
 from usdsplat.render.draw_list import DrawList, Group
 from usdsplat.render.frame import DEEP_PIXELS
 from usdsplat.render.frame_buffers import MATTES, FrameBuffers, SurfaceBuffers, TriangleBuffers
@@ -110,6 +111,8 @@ class PictureRequest:
     """Mean number of nodes in a pixel of a deep holdout, see `images.holdout_nodes`."""
     deep: bool = False
     """Whether all contributions are kept."""
+    deep_ids: int = 0
+    """Number of ids of each deep sample."""
     baked: bool = False
     """Whether a view transform is applied to the drawn pixels."""
     pictures: int = 1
@@ -152,7 +155,8 @@ def estimate(
     if request.deep:
         top, bottom = next(screen.bands(min(band_pixels, DEEP_PIXELS)))
         sample = DEEP_SAMPLE + BEAUTY_SAMPLE * (settings.deep_color == "beauty")
-        kept = (bottom - top) * (x1 - x0) * DEEP_SAMPLES * sample
+        more = deep_bytes(settings, request.deep_ids, DEEP_SAMPLES)
+        kept = (bottom - top) * (x1 - x0) * (DEEP_SAMPLES * sample + more)
     written = (aov for aov in AOVS.values() if aov.hydra in request.aovs)
     channels = sum(len(aov.with_rank(settings.crypto_rank).channels) for aov in written)
     writing = WRITER * WRITER_ROWS * (x1 - x0) * 4 * channels
@@ -217,6 +221,7 @@ def buffers_of(
         (bool(aovs) and meshes, "pixels", "left"),
         (request.holds_out and not meshes, "pixels", "holdout_depth holdout_covered"),
         (request.deep, "pixels", "deep_offsets"),
+        (request.deep_ids > 0, "splats", "numbered"),
         (meshes, "surfaces", " ".join(SurfaceBuffers.declared())),
         (meshes, "triangles", " ".join(TriangleBuffers.declared())),
         (sampled and "color" in aovs, "sums", "color"),

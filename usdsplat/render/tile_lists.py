@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Mapping
 from collections.abc import Set as AbstractSet
-from dataclasses import dataclass
+from dataclasses import replace
 from types import MappingProxyType
 from typing import Any
 
@@ -15,8 +15,20 @@ import numpy.typing as npt
 from usdsplat.core.cloud import F32, I32, I64
 from usdsplat.core.errors import UsageError
 from usdsplat.images.cryptomatte import RANK, rank_pairs
-from usdsplat.kernels import bins, blend, cryptomatte, deep, feature, median, project, walk, weigh
+from usdsplat.kernels import (
+    bins,
+    blend,
+    cryptomatte,
+    deep,
+    deep_ids,
+    feature,
+    median,
+    project,
+    walk,
+    weigh,
+)
 from usdsplat.kernels.device import Device
+from usdsplat.render.deep_samples import DEEP_IDS, DeepSamples
 from usdsplat.render.frame_buffers import FrameBuffers
 from usdsplat.render.matte_groups import MatteGroups
 from usdsplat.render.occluders import NO_DEPTH, Occluders
@@ -42,56 +54,6 @@ PARTS = {"median": 0.5, "front": 0.0}
 """Product -> fraction of the coverage that is reached in the splat to find."""
 
 NO_DEEP = (np.empty(0, np.float32), np.empty(0, np.float32), np.empty((0, 4), np.float32))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class DeepSamples:
-    """Deep samples of a band, near to far, pixel after pixel."""
-
-    counts: npt.NDArray[np.uint32]
-    """Number of samples of each pixel, shape (h, w)."""
-    depth: F32
-    """Nearest depth of each sample, shape (n,)."""
-    depth_back: F32
-    """Farthest depth of each sample, shape (n,)."""
-    color: F32
-    """Premultiplied RGBA of each sample alone, shape (n, 4)."""
-
-    left: F32
-    """Transmittance of a deep holdout to a surface behind the samples of each pixel; 1 without a
-    holdout, shape (h, w)."""
-
-    def with_surfaces(
-        self, surface_depth: F32, drawn: npt.NDArray[np.bool_], colors: F32
-    ) -> DeepSamples:
-        """Return the samples with one sample added per pixel where a surface is drawn.
-
-        The added sample is the last one of its pixel.
-
-        Args:
-            surface_depth: Depth of the surface, shape (h, w).
-            drawn: Whether a surface is drawn, shape (h, w).
-            colors: Its linear RGB, shape (h, w, 3).
-        """
-        ends = np.cumsum(self.counts, dtype=np.int64)
-        more = np.cumsum(drawn.ravel(), dtype=np.int64)
-        places = ends[drawn.ravel()] + more[drawn.ravel()] - 1
-        kept = np.ones(len(self.depth) + int(more[-1]), bool)
-        kept[places] = False
-
-        def merged(samples: F32, surfaces: F32) -> F32:
-            out = np.empty((len(kept), *samples.shape[1:]), np.float32)
-            out[kept], out[places] = samples, surfaces
-            return out
-
-        left = self.left[drawn][:, None]
-        return DeepSamples(
-            counts=self.counts + drawn.astype(np.uint32),
-            depth=merged(self.depth, surface_depth[drawn]),
-            depth_back=merged(self.depth_back, surface_depth[drawn]),
-            color=merged(self.color, np.concatenate([colors[drawn] * left, left], axis=1)),
-            left=self.left,
-        )
 
 
 class TileLists:
@@ -253,14 +215,17 @@ class TileLists:
         )  # fmt: skip
         return groups, weights
 
-    def deep(self, error: float) -> DeepSamples:
+    def deep(self, error: float, ids: tuple[str, ...] = ()) -> DeepSamples:
         """Return deep samples: every contribution, or merged runs of contributions.
 
         Splats must be in a linear blend space.
 
         Args:
-            error: See `RenderSettings.deep_error`.
+            error: See `RenderSettings.deep_error`. It must be 0 with ids, because the samples of a
+                run could have different ids.
+            ids: The ids of samples that are needed, of DEEP_IDS and in its order.
         """
+        assert not (ids and error > 0)
         resident, fetch = self._device.resident, self._device.fetch
         held = resident(self.shape, np.uint32)
         walks = self._walks or self._occluders.depth.size > 0
@@ -270,23 +235,58 @@ class TileLists:
             self._deep(error, False, np.empty(0, np.int64), held, NO_DEEP)
         offsets = self._buffers.pixels.deep_offsets(*self.shape)
         total = int(self._device.run(deep.place, held, offsets))
-        memory = self._buffers.samples.take((5 if error == 0 else 6) * total)
-        color = memory[: 4 * total].reshape((total, 4))
-        near = memory[4 * total : 5 * total]
-        far = near if error == 0 else memory[5 * total :]
         left = np.broadcast_to(np.float32(1), self.shape)
-        if walks:
-            left = left.copy()
-            self._walk(
-                {"deep"}, error=error, offsets=offsets, through=left, deep=(near, far, color)
-            )
-        else:
-            self._deep(error, True, offsets, held, (near, far, color))
+        left = left.copy() if walks else left
+
+        def drawn(tiles: TileLists) -> tuple[F32, F32, F32]:
+            memory = self._buffers.samples.take((5 if error == 0 else 6) * total)
+            color = memory[: 4 * total].reshape((total, 4))
+            near = memory[4 * total : 5 * total]
+            far = near if error == 0 else memory[5 * total :]
+            out = near, far, color
+            if walks:
+                tiles._walk({"deep"}, error=error, offsets=offsets, through=left, deep=out)
+            else:
+                tiles._deep(error, True, offsets, held, out)
+            return out
+
+        near, far, color = drawn(self)
         depth = fetch(near)
         back = depth if far is near else fetch(far)
-        return DeepSamples(fetch(held), depth, back, fetch(color), left)
+        samples = DeepSamples(fetch(held), depth, back, fetch(color), left)
+        if not ids:
+            return samples
+        numbered = copy.copy(self)
+        numbered._splats = replace(self._splats, records=self._numbered())
+        found = self._ids_of(drawn(numbered)[2], ids)
+        return replace(samples, ids=found, id_names=ids, prims=self._splats.layout.prims)
 
     # --- private ---------------------------------------------------------------------------
+
+    def _numbered(self) -> F32:
+        """Return the splats' records with ranks in place of colours, see `kernels.deep_ids`."""
+        held, splats = self._buffers.splats.numbered, self._splats
+        out = held(splats.records.shape[0])
+        if held.content is not splats.stamp:
+            self._device.run(deep_ids.number, splats.records, out)
+            held.content = splats.stamp
+        return out
+
+    def _ids_of(self, color: F32, names: tuple[str, ...]) -> I32:
+        """Return the ids of deep samples that were drawn with numbered records, shape (n, k)."""
+        run, keep, splats, n = self._device.run, self._device.keep, self._splats, color.shape[0]
+        resident = self._device.resident
+        if n == 0:
+            return np.empty((0, len(names)), np.int32)
+        ranks, ids = resident((n, 1), np.int32), resident((4, n, 1), np.int32)
+        run(deep_ids.read_ranks, color, splats.records.shape[0], ranks)
+        run(
+            median.resolve, ranks, splats.records, splats.order, splats.sources,
+            keep(splats.layout.first_slots), keep(splats.layout.labels),
+            resident((n, 1), np.float32), ids,
+        )  # fmt: skip
+        columns = [DEEP_IDS.index(name) for name in names]
+        return np.ascontiguousarray(self._device.fetch(ids)[columns, :, 0].T)
 
     def _room(self, name: str) -> Any:
         """Return the buffers for one of PRODUCTS."""
