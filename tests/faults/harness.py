@@ -71,7 +71,7 @@ COMMANDS = (
     Command(
         "convert --split",
         ("convert", "two.usda", f"{OUT}/o.ply", "--split"),
-        ("o_A_scan.ply", "o_B_scan.ply"),
+        ("o_A.ply", "o_B.ply"),
     ),
     Command(
         "convert a sequence to clips",
