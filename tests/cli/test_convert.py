@@ -69,12 +69,20 @@ def test_a_stage_is_repacked(run, shot, tmp_path):
     assert (status, out) == (0, f"{tmp_path}/c.usda: no field changed, all are packed\n")
 
 
+def test_folders_are_made_and_removed_again_on_an_error(run, capture, tmp_path):
+    """Oracle: the file system."""
+    assert run("convert", capture, tmp_path / "a" / "b" / "c.usdc")[0] == 0
+    assert (tmp_path / "a" / "b" / "c.usdc").is_file()
+    assert run("convert", tmp_path / "missing.ply", tmp_path / "d" / "e" / "c.usdc")[0] == 2
+    assert not (tmp_path / "d").exists()
+
+
 @pytest.mark.parametrize(
     ("argv", "sentence"),
     [
         (["missing.ply", "a.usdc"], "missing.ply: found no such file or directory, expected a"),
         (["ball.ply", "a.doc"], "a.doc: found suffix '.doc', expected one of ."),
-        (["ball.ply", "nowhere/a.usdc"], "nowhere/a.usdc: found no folder"),
+        (["ball.ply", "ball.ply/a.usdc"], "ball.ply/a.usdc: found no folder"),
         (["ball.ply", "a.usdc", "--axes", "xyz"], "--axes: found 'xyz', expected the directions"),
         (["ball.ply", "ball.ply"], "ball.ply: found a file that is being read, expected another"),
     ],

@@ -185,6 +185,16 @@ def test_many_stages_are_validated_and_each_finding_has_its_file(make, run, capt
     assert run("validate", *files)[1].splitlines()[-1] == "4 files: 2 errors, 1 warning"
 
 
+def test_the_only_file_that_cannot_be_read_is_a_finding_in_json(run, tmp_path):
+    """Oracle: the object of --json; without it, one sentence and status 2."""
+    status, out, err = run("validate", tmp_path / "no.usda", "--json")
+    (found,) = json.loads(out)["findings"]
+    assert (status, err) == (1, "")
+    assert (found["code"], found["path"]) == ("unreadable", str(tmp_path / "no.usda"))
+    status, out, err = run("validate", tmp_path / "no.usda")
+    assert (status, out, err.count("\n")) == (2, "", 1)
+
+
 def test_simulate_and_convert_report_the_same_finding(make, run, tmp_path):
     """Oracle: a missing reference, and --json of each command; with --strict no file is written."""
     path = make("reference")

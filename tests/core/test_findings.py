@@ -19,6 +19,17 @@ def test_a_place_is_split_into_path_and_attribute() -> None:
     assert finding("usd-message", "USD", "1", "2").path == "USD"
 
 
+@pytest.mark.parametrize(
+    "where",
+    ["/shots/sq 10/plate.0001.exr", "/shots/plate.EXR", "/a-b/c.usda", "/lib/numba/x.py:12"],
+)
+def test_the_name_of_a_file_stays_whole(where: str) -> None:
+    """Oracle: the very name, also where it could be the path of a property."""
+    found = finding("assumed-space", where, "1", "2")
+    assert (found.path, found.attribute) == (where, "")
+    assert found.message.startswith(f"{where}: found 1")
+
+
 def test_severity_and_cure_are_those_of_the_code_unless_given() -> None:
     """Oracle: the table."""
     error = StageError("/A", "x", "y")

@@ -88,3 +88,50 @@ def test_a_file_system_without_locks_has_none(
     monkeypatch.setattr("fcntl.flock", fail)
     with output_lock(tmp_path / "a.usda"):
         assert os.listdir(tmp_path) == []
+
+
+def test_every_user_may_open_the_lock(tmp_path: Path) -> None:
+    """Oracle: the mode of the file, whatever the umask; a lock that nobody else could open once
+    let another user's process write the same output."""
+    before = os.umask(0o077)
+    try:
+        with output_lock(tmp_path / "a.usda"):
+            assert (tmp_path / ".a.usda.lock").stat().st_mode & 0o777 == 0o666
+    finally:
+        os.umask(before)
+
+
+def test_a_lock_that_cannot_be_written_counts_too(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Oracle: EACCES, as the kernel reports it to other users, of files and of the folder."""
+    real, refused = os.open, os.O_RDWR
+
+    def denied(path: Path, flags: int, mode: int = 0o777) -> int:
+        if flags & refused or refused == os.O_RDONLY:
+            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
+        return real(path, flags, mode)
+
+    target = tmp_path / "a.usda"
+    with output_lock(target), monkeypatch.context() as patch:
+        patch.setattr(os, "open", denied)
+        with (
+            pytest.raises(OutputError, match=f"process {os.getpid()} is writing"),
+            output_lock(target),
+        ):
+            pytest.fail("the block ran")
+        refused = os.O_RDONLY
+        with (
+            pytest.raises(OutputError, match=r"found \.a\.usda\.lock, the lock of another user"),
+            output_lock(target),
+        ):
+            pytest.fail("the block ran")
+    (tmp_path / ".b.usda.lock").write_text("1 elsewhere")
+    refused = os.O_RDWR
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "open", denied)
+        with output_lock(tmp_path / "b.usda"):
+            assert (tmp_path / ".b.usda.lock").read_text() == "1 elsewhere"
+        assert os.listdir(tmp_path) == []
+        with output_lock(tmp_path / "c.usda"):  # in a folder where no file can be made
+            assert os.listdir(tmp_path) == []

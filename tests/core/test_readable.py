@@ -10,6 +10,8 @@ import pytest
 from usdsplat.core.errors import StageError
 from usdsplat.core.readable import check_referable, readable
 
+pytestmark = pytest.mark.wrong_stages  # they hold a few bytes that are no layer
+
 STRANGE = os.fsdecode(b"bad\xff.usda")
 
 
@@ -51,6 +53,13 @@ def test_a_folder_with_another_name_is_a_link_too(folder: Path) -> None:
         name = readable(asked)
         name.encode("utf-8")
         assert Path(name, below).read_bytes() == b"inside"
+
+
+def test_only_what_may_be_referred_to_is_linked(folder: Path) -> None:
+    """Oracle: the listing of the folder of links: a capture refers to no file beside it."""
+    capture = os.fsdecode(b"scan\xff.ply")
+    (folder / capture).write_bytes(b"capture")
+    assert os.listdir(Path(readable(folder / capture)).parent) == ["scan_xff.ply"]
 
 
 def test_a_missing_file_is_missing_under_its_new_name_too(folder: Path) -> None:

@@ -44,6 +44,7 @@ from usdsplat.cli.edit_flags import edits_of
 from usdsplat.cli.reporting import Reporter
 from usdsplat.cli.values import time_code
 from usdsplat.core.errors import UsageError
+from usdsplat.core.folders import made_folder
 from usdsplat.core.text import shown
 from usdsplat.core.wording import counted
 
@@ -87,6 +88,7 @@ def run(options: Options, reporter: Reporter) -> int:
         reporter.findings.check()
     form: Form = "packed" if stage.packed else "half" if stage.half else "float"
     with ExitStack() as during:
+        during.enter_context(made_folder(Path(target).parent))
         if any(edit.kind.compiles for edit in edits):
             from usdsplat.kernels.compiling import on_compile
 

@@ -45,11 +45,6 @@ class Reporter:
         self.findings = Findings(self._tell, say=self.remark, is_strict=options.strict)
         """Collector of the findings; each is printed when it is new."""
 
-    @property
-    def is_quiet(self) -> bool:
-        """Whether only results and errors are printed."""
-        return self._quiet
-
     def remark(self, text: str) -> None:
         """Print a message that is neither a result, nor an error, nor a finding."""
         if not self._quiet:
@@ -144,8 +139,6 @@ def library_messages(findings: Findings) -> Iterator[None]:
 def _is_known(text: str, findings: Findings) -> bool:
     """Return whether a message of USD is about a muted layer, or about an asset or a prim path of a
     finding."""
-    if " was muted " in text:
-        return True
     if " was muted " in text:
         return True
     assets = [part for part in text.split("@")[1::2] if part]

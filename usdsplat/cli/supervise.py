@@ -32,6 +32,7 @@ IMPATIENCE = 0.5
 signal at about the same time, such as a terminal and `make`."""
 _MADE, _REMOVED, _DONE = b"+", b"-", b"="
 _HELP = {"-h", "--help", "help", "--version"}
+"""Words that ask for help, as the first argument or as the only one of a command."""
 
 
 def entry() -> int:
@@ -42,10 +43,15 @@ def entry() -> int:
         not hasattr(os, "fork")
         or os.environ.get(VARIABLE) == "0"
         or not arguments
-        or _HELP.intersection(arguments)
+        or _asks_for_help(arguments)
     ):
         return _command(None)
     return _supervise(arguments)
+
+
+def _asks_for_help(arguments: Sequence[str]) -> bool:
+    """Return whether a command line only prints help or the version."""
+    return arguments[0] in _HELP or (len(arguments) == 2 and arguments[1] in ("-h", "--help"))
 
 
 def _supervise(arguments: Sequence[str]) -> int:
@@ -78,7 +84,8 @@ def _supervise(arguments: Sequence[str]) -> int:
     for number in interrupt.SIGNALS:
         if signal.getsignal(number) != signal.SIG_IGN:
             signal.signal(number, _nothing)
-    signal.pthread_sigmask(signal.SIG_SETMASK, before)
+    # SIGCHLD tells of the child's end, also if the caller has blocked it
+    signal.pthread_sigmask(signal.SIG_SETMASK, set(before) - {signal.SIGCHLD})
     parent = Parent(child, news=news[0], wake=wake[0])
     return parent.status(parent.wait(), arguments, log)
 

@@ -28,7 +28,7 @@ from usdsplat.cli.arguments import option, positional
 from usdsplat.cli.reporting import Reporter, ReportingOptions
 from usdsplat.cli.stage_options import StageOptions
 from usdsplat.cli.values import time_code
-from usdsplat.core.errors import UsdSplatError
+from usdsplat.core.errors import UsageError, UsdSplatError
 from usdsplat.core.findings import Finding, Findings, from_error
 from usdsplat.core.progress import Progress
 from usdsplat.core.text import shown
@@ -75,7 +75,8 @@ def _checked(path: Path, options: Options, progress: Progress) -> tuple[Findings
     """Return the findings on a stage, and how much was checked.
 
     Raises:
-        UsdSplatError: If the only stage cannot be opened; one of several is a finding.
+        UsdSplatError: If the only stage cannot be opened; one of several is a finding, and so is
+            the only one with --json.
     """
     from usdsplat.interchange.opening import open_as_asked
     from usdsplat.products.checking import check_stage
@@ -94,8 +95,10 @@ def _checked(path: Path, options: Options, progress: Progress) -> tuple[Findings
         )
         time = time_code(options.frame)
         looked_at = check_stage(stage, collected, time=time, progress=progress)
+    except UsageError:
+        raise
     except UsdSplatError as error:
-        if is_only:
+        if is_only and not options.json:
             raise
         collected.add(replace(from_error("unreadable", error), path=str(path), attribute=""))
     findings = Findings()

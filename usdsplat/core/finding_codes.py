@@ -250,6 +250,11 @@ CODES: dict[str, Code] = {
         "the data of a bake is missing",
         "restore the folder of its data, or bake it again",
     ),
+    "unfinished-bake": Code(
+        "error",
+        "a bake was interrupted, and lacks frames",
+        "continue it with simulate --resume, or bake it again with --force",
+    ),
     "left-out-of-simulation": Code(
         "warning",
         "a field or its ids are not simulated as authored",

@@ -28,8 +28,16 @@ __all__ = [
 STRICT: tuple[Severity, ...] = ("error", "warning")
 """Severities that a strict command does not accept."""
 
-_WHERE = re.compile(r"(/[^.\s]*)(?:[.\s](.*))?")
+_PROPERTY = re.compile(
+    r"((?:/[^\W\d]\w*(?:\{\w+=\w*\})*)+)(?:\.(?=[^\W\d])|\s(?=[^\W\d][^/]*$))(.*)"
+)
 """Path of a prim, and the attribute or part of it that follows."""
+_FILE = re.compile(
+    r"(?:.*\.)?(?:usd[acz]?|exr|png|jpe?g|tiff?|hdr|tx|ply|spz|sog|splat|ksplat|glb|gltf|json|ocio|"
+    r"txt|py)(?::\d+)?",
+    re.IGNORECASE,
+)
+"""End of the name of a file, or of a line in it, where that of an attribute would be."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -61,7 +69,9 @@ class Finding:
     @property
     def message(self) -> str:
         """The finding as one sentence, *where: found X, expected Y*, and its consequence."""
-        where = f"{self.path}.{self.attribute}" if self.attribute else self.path
+        where = self.path
+        if self.attribute:
+            where += (" " if " " in self.attribute else ".") + self.attribute
         if self.time is not None:
             where += f" at {self.time:g}"
         if self.samples > 1:
@@ -98,8 +108,9 @@ def finding(
         found, expected: As in the errors of `core.errors`.
         severity, cure: None and "" for those of the code.
     """
-    match = _WHERE.fullmatch(where)
-    path, attribute = (match[1], match[2] or "") if match else (where, "")
+    match = _PROPERTY.fullmatch(where)
+    is_property = match is not None and not _FILE.fullmatch(match[2])
+    path, attribute = match.groups() if match and is_property else (where, "")
     return Finding(
         code=code,
         severity=severity or CODES[code].severity,

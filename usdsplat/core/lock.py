@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from usdsplat.core.errors import OutputError
 
-try:
+if sys.platform != "win32":
     import fcntl
-except ImportError:  # Windows
-    fcntl = None  # type: ignore[assignment]
 
 
 @contextmanager
@@ -20,15 +19,17 @@ def output_lock(target: Path | str) -> Iterator[None]:
     """Hold the lock of an output: a hidden file beside it, `.NAME.lock`, removed at the end.
 
     The operating system releases the lock of a process that is killed, so a file that such a
-    process leaves does no harm; the next one removes it. Where files cannot be locked, on Windows
-    and on some network file systems, nothing is locked.
+    process leaves does no harm; the next one removes it. All users may open the file, because a
+    folder may be shared. Where files cannot be locked, on Windows and on some network file systems,
+    nothing is locked.
 
     Raises:
-        OutputError: If another process, or another thread, holds it.
+        OutputError: If another process, or another thread, holds it, or if the file belongs to
+            another user and cannot be opened.
     """
     final = Path(os.path.realpath(target))
     path = final.with_name(f".{final.name}.lock")
-    handle = None if fcntl is None else _locked(path, str(target))
+    handle = None if sys.platform == "win32" else _locked(path, str(target))
     try:
         yield
     finally:
@@ -41,16 +42,19 @@ def _locked(path: Path, target: str) -> int | None:
     while True:
         handle, is_held = -1, False
         try:
-            handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
+            handle, is_writable = _opened(path, str(target))
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
             is_held = _is_at(handle, path)
-            if is_held:
+            if is_held and is_writable:
                 os.ftruncate(handle, 0)
                 os.write(handle, f"{os.getpid()} {os.uname().nodename}".encode())
+            if is_held:
                 return handle
         except BlockingIOError:
             found = f"an output that {_holder(handle)} is writing"
             raise OutputError(target, found, "its end, or another name") from None
+        except OutputError:
+            raise
         except BaseException as error:
             cannot_lock = isinstance(error, OSError)  # nobody else can hold it then
             if handle >= 0:
@@ -59,6 +63,25 @@ def _locked(path: Path, target: str) -> int | None:
                 return None
             raise
         os.close(handle)
+
+
+def _opened(path: Path, target: str) -> tuple[int, bool]:
+    """Return a handle of the file of a lock, and whether it can be written.
+
+    Raises:
+        OutputError: If it is another user's, and cannot be read either.
+    """
+    try:
+        handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
+    except PermissionError:
+        try:
+            return os.open(path, os.O_RDONLY), False  # it can be locked all the same
+        except PermissionError as error:
+            found = f"{path.name}, the lock of another user"
+            raise OutputError(target, found, "a lock that can be read") from error
+    with suppress(OSError):  # it is another user's
+        os.fchmod(handle, 0o666)  # whatever the umask of this process
+    return handle, True
 
 
 def _release(handle: int, path: Path | None) -> None:

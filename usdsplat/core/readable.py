@@ -12,14 +12,18 @@ from usdsplat.core.scratch import scratch_folder
 from usdsplat.core.text import shown
 
 _links: dict[str, str] = {}
+_REFERRING = (".usd", ".usda", ".usdc", ".ocio")
+"""Suffixes of files that refer to others and are read by C++ libraries."""
 
 
 def readable(path: Path | str) -> str:
     """Return a name of a file or folder that is UTF-8: `path`, or a symbolic link to it.
 
-    Links are in a folder of this process and exist until it ends, because USD reads files late. The
-    other files of a folder are linked beside a linked file, so that relative references are found
-    if they do not leave the folder. A missing file gets a name that does not exist either.
+    Links are in a folder of this process and exist until it ends, because USD reads files late. If
+    only the folder has another name, it is linked. Beside a linked file that may refer to others,
+    a layer or an OCIO configuration, the other files of its folder are linked too, so that relative
+    references are found if they do not leave the folder. A missing file gets a name that does not
+    exist either.
     """
     text = str(path)
     if _is_utf8(text):
@@ -47,10 +51,13 @@ def check_referable(path: Path | str) -> None:
 def _linked(full: str) -> str:
     """Return a link to a file whose folder or name is not UTF-8."""
     parent, name = os.path.split(full)
+    if _is_utf8(name):
+        return os.path.join(readable(parent), name)
     folder = ExitStack()
     place = folder.enter_context(scratch_folder())
     atexit.register(folder.close)
-    siblings = os.listdir(parent) if os.path.isfile(full) else []
+    has_references = os.path.splitext(name)[1].lower() in _REFERRING
+    siblings = os.listdir(parent) if has_references and os.path.isfile(full) else []
     for each in (name, *siblings):
         with suppress(FileExistsError):  # the file itself, or two names with the same plain one
             os.symlink(os.path.join(parent, each), place / _plain(each))

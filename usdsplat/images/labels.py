@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import json
-import os
 import platform
 from fractions import Fraction
 
+from usdsplat.core.source_date import source_date
 from usdsplat.core.text import shown
 from usdsplat.images.layout import Entry, Metadata
 from usdsplat.images.timecode import Timecode, exact_rate, timecode_of
@@ -72,7 +72,7 @@ def origin_metadata(source: str) -> Metadata:
 
 def is_reproducible() -> bool:
     """Return whether files must be the same in each run: without date and machine."""
-    return bool(os.environ.get("SOURCE_DATE_EPOCH"))
+    return source_date() is not None
 
 
 def as_text(metadata: Metadata) -> dict[str, str]:

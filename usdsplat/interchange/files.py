@@ -8,11 +8,13 @@ from pathlib import Path
 
 from pxr import Sdf, Tf, Usd
 
-import usdsplat.schema  # noqa: F401 - our types must be known before the first stage is opened
 from usdsplat import formats
 from usdsplat.core.errors import OutputError, StageError, UnknownFormatError
 from usdsplat.core.readable import readable
+from usdsplat.schema import registration
 from usdsplat.schema.usd_files import export_layer, sentence
+
+registration.register()  # USD must know our types before the first stage is opened
 
 SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 

@@ -20,6 +20,7 @@ from usdsplat.products import remarks
 from usdsplat.products.budget import WORTH_SAYING, Budget, budget
 from usdsplat.products.cancel import Cancelled, CancelToken
 from usdsplat.products.deep import DeepReport, draw_deep
+from usdsplat.products.existing import difference
 from usdsplat.products.flat import draw_flat
 from usdsplat.products.header import Origin, labelled_layout
 from usdsplat.products.holdouts import check_file, holdout_of, lacking_depth
@@ -41,7 +42,8 @@ class DrawOptions:
     """Options for drawing a sequence of pictures."""
 
     existing: Existing = "replace"
-    """How to treat existing files; "resume" keeps them and skips their pictures."""
+    """How to treat existing files; "resume" keeps them and skips their pictures, unless a file is
+    truncated or another picture, see `existing.difference`."""
     memory_limit: int | None = None
     """Maximum memory of the process [byte]; None for no limit."""
 
@@ -115,9 +117,9 @@ def draw_frames(
         StrictError: If `findings` are strict and not empty; then nothing is written.
     """
     cancel = cancel or CancelToken()
-    jobs = _jobs(plans, frames, options.existing)
-    engine.expect(work_of(plans, frames))
     findings = Findings() if findings is None else findings
+    jobs = _jobs(plans, frames, options.existing, findings)
+    engine.expect(work_of(plans, frames))
     said = engine.remark
     if said:
         findings.say(said)
@@ -269,7 +271,9 @@ def files_of(plans: Sequence[PicturePlan], frames: Sequence[float]) -> list[tupl
     return names
 
 
-def _jobs(plans: Sequence[PicturePlan], frames: Sequence[float], existing: Existing) -> list[_Job]:
+def _jobs(
+    plans: Sequence[PicturePlan], frames: Sequence[float], existing: Existing, findings: Findings
+) -> list[_Job]:
     """Return the pictures to draw with their files, frame by frame."""
     names = files_of(plans, frames)
     jobs = [
@@ -279,8 +283,16 @@ def _jobs(plans: Sequence[PicturePlan], frames: Sequence[float], existing: Exist
     ]
     if existing == "replace":
         return jobs
-    left = [job for job in jobs if not job[2].exists()]
-    if existing == "error" and len(left) < len(jobs):
-        there = next(path for _, _, path in jobs if path.exists())
-        raise OutputError(str(there), "a file", "a new name")
+    if existing == "error":
+        there = next((path for _, _, path in jobs if path.exists()), None)
+        if there is not None:
+            raise OutputError(str(there), "a file", "a new name")
+        return jobs
+    left = []
+    for plan, frame, path in jobs:
+        found = difference(plan, frame, path) if path.exists() else ""
+        if found:
+            findings.say(f"{path}: found {found}; it is drawn again")
+        if found or not path.exists():
+            left.append((plan, frame, path))
     return left

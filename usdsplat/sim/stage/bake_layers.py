@@ -10,9 +10,10 @@
 Except in mode clips, `samples.usdc` replaces `clip.*`, `clips.usda` and `manifest.usda`.
 
 Files under these names are always complete, see `core/output`. The named layer is put in place
-last, so that everything it refers to exists. A simulation that fails or is killed leaves the
-frames, clips and checkpoint that `--resume` needs; `--force` removes an earlier bake when it
-starts.
+last, so that everything it refers to exists. A simulation that fails leaves the frames, clips and
+checkpoint that `--resume` needs, and nothing if it has no checkpoint yet. One that is killed leaves
+more; its named layer states how many frames are complete, and `bake_findings` reports it. `--force`
+removes an earlier bake when it starts.
 """
 
 from __future__ import annotations
@@ -20,16 +21,18 @@ from __future__ import annotations
 import errno
 import os
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from pxr import Sdf, Usd, UsdGeom, Vt
+from pxr import Sdf, Tf, Usd, UsdGeom, Vt
 
 from usdsplat.core.errors import OutputError, StageError
 from usdsplat.core.output import output_group
 from usdsplat.core.readable import check_referable
 from usdsplat.schema import tokens
 from usdsplat.schema.usd_files import export_layer
+from usdsplat.sim.stage.bake_findings import is_unfinished
 from usdsplat.sim.stage.plan import Plan
 from usdsplat.sim.stage.provenance import nested
 from usdsplat.sim.stage.sample_layer import declare, merge, sampled
@@ -70,6 +73,15 @@ class BakeLayers:
     def end(self, *, keeps_clips: bool) -> None:
         """Remove everything that the named layer does not need."""
         self._remove(_WORK if keeps_clips else (*_CLIPS, *_WORK))
+
+    def discard(self) -> None:
+        """Remove the named layer, if it is that of an unfinished bake, and the folder."""
+        with suppress(OSError):
+            self._remove((*_CLIPS, *_WORK, "samples.usdc"))
+            self.folder.rmdir()
+        with suppress(OSError, Tf.ErrorException):
+            if is_unfinished(self.target):
+                self.target.unlink()
 
     def show_clips(self, spans: Sequence[tuple[float, float]], record: Mapping[str, Any]) -> None:
         """Write the named layer over the finished clips.

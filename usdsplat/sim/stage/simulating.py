@@ -16,6 +16,7 @@ from pxr import Usd
 
 from usdsplat.core.errors import OutputError, StageError
 from usdsplat.core.findings import Finding, Findings, finding
+from usdsplat.core.folders import made_folder
 from usdsplat.core.lock import output_lock
 from usdsplat.core.output import Existing
 from usdsplat.core.progress import Progress, silent
@@ -244,7 +245,8 @@ def simulate(
 
     Args:
         stage: From a file; opinions on its session layer count.
-        target: The layer of results, a .usda; its samples go to a folder beside it.
+        target: The layer of results, a .usda; its samples go to a folder beside it. Folders are
+            made.
         frames: Every frame, ascending, one apart [time code].
         options: Device, and what to do with an existing bake.
         progress: Receives each finished frame.
@@ -256,7 +258,7 @@ def simulate(
             simulates to this target; `StrictError` too.
     """
     findings = Findings() if findings is None else findings
-    with output_lock(target), compile_time() as compiled:
+    with made_folder(target.parent), output_lock(target), compile_time() as compiled:
         if target.exists() and options.existing == "error":
             raise OutputError(str(target), "a file", "a new name, or --resume or --force")
         clock = Clock(compiled)
