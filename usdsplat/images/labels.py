@@ -9,7 +9,7 @@ from fractions import Fraction
 
 from usdsplat.core.text import shown
 from usdsplat.images.layout import Entry, Metadata
-from usdsplat.images.timecode import Timecode, exact_rate, timecode_of
+from usdsplat.images.timecode import Timecode, exact_rate, frame_count, timecode_of
 
 
 def picture_metadata(*, stage: str, frame: float, samples: int, exposure: float) -> Metadata:
@@ -30,7 +30,12 @@ def picture_metadata(*, stage: str, frame: float, samples: int, exposure: float)
 
 
 def time_metadata(
-    *, frame: float, rate: float, per_second: float, shutter: tuple[float, float]
+    *,
+    frame: float,
+    rate: float,
+    per_second: float,
+    shutter: tuple[float, float],
+    offset: int = 0,
 ) -> Metadata:
     """Return the entries on time, in the names and units of OpenEXR's standard attributes.
 
@@ -39,12 +44,14 @@ def time_metadata(
         rate: Frames per second of playback.
         per_second: Time codes per second.
         shutter: Times at which the shutter opens and closes, relative to the frame [time code].
+        offset: Number of frames that time code 0 of the stage is after 00:00:00:00.
     """
     entries: dict[str, Entry] = {}
     exact = exact_rate(rate)
     if exact is not None and per_second > 0:
         entries["framesPerSecond"] = exact
-        counted = timecode_of(frame * rate / per_second, exact)
+        count = frame_count(frame, per_second, exact)
+        counted = None if count is None else timecode_of(count + offset, exact)
         if counted is not None:
             entries["timeCode"] = counted
     opens, closes = shutter
