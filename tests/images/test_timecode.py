@@ -69,7 +69,8 @@ def test_frames_are_counted(frame, rate, expected):
 
 
 @pytest.mark.parametrize(
-    ("frame", "rate"), [(-1, Fraction(24)), (7, Fraction(25, 2)), (7, Fraction(120)), (7, Fraction(31))]
+    ("frame", "rate"),
+    [(-1, Fraction(24)), (7, Fraction(25, 2)), (7, Fraction(120)), (7, Fraction(31))],
 )
 def test_what_a_time_code_cannot_say_has_none(frame, rate):
     """Oracle: ST 12-1's rates, and 2 bits for the tens of frames."""

@@ -84,7 +84,7 @@ class Options:
     resume: Annotated[bool, option()] = False
     """skip frames whose file exists"""
     json: Annotated[bool, option()] = False
-    """print one JSON object with the pictures and the findings"""
+    """print one JSON object with the pictures, the files that --resume skipped, and the findings"""
     framing: FramingOptions = field(default_factory=FramingOptions)
     drawing: DrawingFlags = field(default_factory=DrawingFlags)
     sampling: SamplingFlags = field(default_factory=SamplingFlags)
@@ -100,7 +100,7 @@ def run(options: Options, reporter: Reporter) -> int:
     from usdsplat.delegate.engine import Engine
     from usdsplat.interchange.opening import check_prims
     from usdsplat.kernels.compiling import compile_time, on_compile
-    from usdsplat.products.drawing import DrawOptions, draw_frames, work_of
+    from usdsplat.products.drawing import DrawOptions, draw_frames, existing_pictures, work_of
     from usdsplat.products.frames import first_frame, frames_to_draw
     from usdsplat.products.planning import plan_pictures
 
@@ -111,7 +111,7 @@ def run(options: Options, reporter: Reporter) -> int:
     )
     if options.threads is not None:
         images.limit_threads(options.threads)
-    report = []
+    report, skipped = [], []
     with (
         compile_time() as compiled,
         reporter.progress(compiled) as progress,
@@ -133,6 +133,8 @@ def run(options: Options, reporter: Reporter) -> int:
             plans = plan_pictures(engine, request)
             frames = frames_to_draw(stage, options.frames, plans)
             engine.expect(work_of(plans, frames))
+            if options.resume:
+                skipped = existing_pictures(plans, frames)
             for drawn in draw_frames(
                 engine,
                 plans,
@@ -149,7 +151,7 @@ def run(options: Options, reporter: Reporter) -> int:
         reporter.remark("nothing to do: every file exists already")
     if options.json:
         pictures = [{**asdict(drawn), "path": str(drawn.path)} for drawn in report]
-        reporter.print_json({"pictures": pictures})
+        reporter.print_json({"pictures": pictures, "skipped": [str(path) for path in skipped]})
     return 0
 
 

@@ -124,8 +124,8 @@ def parse_timecode(text: str, where: str) -> Timecode:
     numbers = tuple(map(int, match.groups()[:4])) if match else ()
     if not match or numbers[0] > 23 or max(numbers[1:3]) > 59 or numbers[3] >= MOST_SINGLE:
         raise UsageError(where, repr(text), "hours, minutes, seconds and frames, as 01:00:00:00")
-    pair = match[5]
-    return Timecode(*numbers, second_of_pair=None if pair is None else pair == "1")
+    hours, minutes, seconds, frames = numbers
+    return Timecode(hours, minutes, seconds, frames, None if match[5] is None else match[5] == "1")
 
 
 def frame_of(code: Timecode, rate: Fraction) -> int | None:

@@ -24,7 +24,7 @@ from usdsplat.products.flat import draw_flat
 from usdsplat.products.header import Origin, labelled_layout
 from usdsplat.products.picture_file import PictureFile, RowsWritten
 from usdsplat.products.preflight import findings_of, go_to, of_picture
-from usdsplat.products.request import PicturePlan
+from usdsplat.products.request import DEEP_AOVS, PicturePlan
 from usdsplat.render.cost import Work
 from usdsplat.render.occluders import ReadHoldout
 from usdsplat.render.specs import CameraSpec
@@ -49,8 +49,14 @@ class DrawnPicture:
 
     path: Path
     frame: float
+    product: str | None
+    """Path of the RenderProduct; None for a picture that no product of the stage describes."""
     camera: str | None
     """Path of the camera; None for a camera that frames the scene."""
+    aovs: tuple[str, ...]
+    """Names of the AOVs in the file; those of a deep picture are its channels."""
+    device: str
+    """Name of the device that drew it."""
     resolution: tuple[int, int]
     """Width and height [pixel]."""
     splats: int
@@ -75,6 +81,15 @@ def work_of(plans: Sequence[PicturePlan], frames: Sequence[float]) -> list[Work]
         )
         for plan in plans
     ]
+
+
+def existing_pictures(plans: Sequence[PicturePlan], frames: Sequence[float]) -> list[Path]:
+    """Return the files of pictures that exist, and that `draw_frames` skips when it resumes.
+
+    Raises:
+        UsageError: If two pictures have the same file.
+    """
+    return [path for _, _, path in _jobs(plans, frames, "replace") if path.exists()]
 
 
 def draw_frames(
@@ -166,7 +181,10 @@ def draw_frames(
         yield DrawnPicture(
             path=path,
             frame=frame,
+            product=plan.product or None,
             camera=view.camera.path or None,
+            aovs=DEEP_AOVS if plan.deep else plan.aovs,
+            device=engine.device,
             resolution=view.framing.resolution,
             splats=stats.splats,
             visible=stats.visible,

@@ -14,7 +14,7 @@ from usdsplat.images import COLOR_MODES, default_color_mode, open_writer
 from usdsplat.images.aovs import find_aovs
 from usdsplat.images.frame_numbers import FileName, frame_path
 from usdsplat.products.header import layout_of
-from usdsplat.products.request import MOST_PIXELS, PicturePlan, RenderRequest
+from usdsplat.products.request import DEEP_AOVS, MOST_PIXELS, PicturePlan, RenderRequest
 from usdsplat.render.framing import CONFORM
 from usdsplat.render.output import view_of
 from usdsplat.render.settings import RenderSettings
@@ -23,8 +23,8 @@ from usdsplat.render.specs import Framing
 KNOWN_PURPOSES = ("default", "render", "proxy", "guide")
 KINDS = ("raster", "deepRaster")
 """Supported `productType` values."""
-DEEP_AOVS = ("color", "Z")
-"""AOVs of a deep picture."""
+NO_PRODUCT = "render"
+"""Name in messages of the picture of a stage without products."""
 
 
 def plan_pictures(engine: Engine, request: RenderRequest) -> tuple[PicturePlan, ...]:
@@ -60,7 +60,7 @@ def plan_pictures(engine: Engine, request: RenderRequest) -> tuple[PicturePlan, 
 def plan_default(engine: Engine, request: RenderRequest, camera: str | None = None) -> PicturePlan:
     """Plan the picture of a stage without products, by default of its first camera."""
     spec = ProductSpec(
-        path="render",
+        path=NO_PRODUCT,
         framing=replace(Framing(), resolution=request.resolution or Framing().resolution),
         settings=checked("render", RenderSettings, request.settings),
         purposes=PURPOSES,
@@ -107,6 +107,7 @@ def _finished(request: RenderRequest, spec: ProductSpec, camera: str | None) -> 
     _check_purposes(f"{where} purposes", request.purposes or spec.purposes)
     picture = PicturePlan(
         output=name,
+        product=spec.path if spec.path != NO_PRODUCT else "",
         camera=camera,
         framing=_framing(request, spec.framing, where),
         settings=settings,

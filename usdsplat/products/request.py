@@ -15,6 +15,9 @@ from usdsplat.render.specs import Framing
 MOST_PIXELS = 65536
 """Maximum size of a side [pixel]; larger values are typing errors."""
 
+DEEP_AOVS = ("color", "Z")
+"""AOVs of a deep picture."""
+
 NO_NAME = FileName.of("")
 """Name of the files of a plan whose caller names each file."""
 
@@ -67,6 +70,8 @@ class PicturePlan:
 
     output: FileName = NO_NAME
     """Name of the files; `NO_NAME` if the caller names each file."""
+    product: str = ""
+    """Path of the RenderProduct; "" for a picture that no product describes."""
     camera: str | None
     """Path of the camera; None for a camera that is given separately or frames the scene."""
     framing: Framing
