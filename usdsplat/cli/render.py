@@ -101,7 +101,7 @@ def run(options: Options, reporter: Reporter) -> int:
     from usdsplat.interchange.opening import check_prims
     from usdsplat.kernels.compiling import compile_time, on_compile
     from usdsplat.products.drawing import DrawOptions, draw_frames, existing_pictures, work_of
-    from usdsplat.products.frames import first_frame, frames_to_draw
+    from usdsplat.products.frames import first_frame, frames_to_draw, outside_range
     from usdsplat.products.planning import plan_pictures
 
     request = _request(options)
@@ -132,6 +132,7 @@ def run(options: Options, reporter: Reporter) -> int:
         with Engine(stage, device=options.device, threads=options.threads, time=first) as engine:
             plans = plan_pictures(engine, request)
             frames = frames_to_draw(stage, options.frames, plans)
+            reporter.findings.extend(filter(None, [outside_range(stage, frames)]))
             engine.expect(work_of(plans, frames))
             if options.resume:
                 skipped = existing_pictures(plans, frames)
@@ -157,6 +158,7 @@ def run(options: Options, reporter: Reporter) -> int:
 
 def _request(options: Options) -> RenderRequest:
     """Return the request that the flags describe."""
+    from usdsplat.images.user_metadata import parse_entry
     from usdsplat.products.request import RenderRequest
 
     framing, file = options.framing, options.file
@@ -178,6 +180,7 @@ def _request(options: Options) -> RenderRequest:
         compare=not file.no_compare,
         bake_view=file.bake_view,
         settings={name: value for each in flags for name, value in given(each).items()},
+        metadata=dict(parse_entry("--metadata", text) for text in file.metadata),
         settings_prim=options.settings,
         product=options.product,
     )

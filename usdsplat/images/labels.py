@@ -7,9 +7,17 @@ import os
 import platform
 from fractions import Fraction
 
+from usdsplat.core.errors import UsageError
 from usdsplat.core.text import shown
 from usdsplat.images.layout import Entry, Metadata
-from usdsplat.images.timecode import Timecode, exact_rate, frame_count, timecode_of
+from usdsplat.images.timecode import (
+    Timecode,
+    exact_rate,
+    frame_count,
+    frame_of,
+    parse_timecode,
+    timecode_of,
+)
 
 
 def picture_metadata(*, stage: str, frame: float, samples: int, exposure: float) -> Metadata:
@@ -60,6 +68,29 @@ def time_metadata(
         if per_second > 0:
             entries["expTime"] = (closes - opens) / per_second
     return entries
+
+
+def timecode_offset(start: str, *, first: float, rate: float, per_second: float) -> int:
+    """Return the number of frames that time code 0 of a stage is after 00:00:00:00.
+
+    Args:
+        start: SMPTE time code of the stage's first frame; "" if frame 0 is 00:00:00:00.
+        first: Time code of the stage's first frame.
+        rate, per_second: As for `time_metadata`.
+
+    Raises:
+        UsageError: If `start` is not a time code, or the rate does not have it.
+    """
+    if not start:
+        return 0
+    where = "start_timecode"
+    code, exact = parse_timecode(start, where), exact_rate(rate)
+    count = None if exact is None else frame_count(first, per_second, exact)
+    number = None if exact is None else frame_of(code, exact)
+    if number is None or count is None:
+        found = f"{start} at {rate:g} frames per second"
+        raise UsageError(where, found, "a time code of the stage's framesPerSecond")
+    return number - round(count)
 
 
 def origin_metadata(source: str) -> Metadata:

@@ -8,7 +8,7 @@ from typing import Any
 
 from usdsplat.core.findings import Finding
 from usdsplat.images.frame_numbers import FileName
-from usdsplat.images.layout import PixelType
+from usdsplat.images.layout import Entry, PixelType
 from usdsplat.render.settings import RenderSettings
 from usdsplat.render.specs import Framing
 
@@ -58,6 +58,8 @@ class RenderRequest:
     """Whether the view transform is applied when a picture is written; PNGs always have it."""
     settings: Mapping[str, Any] = field(default_factory=dict)
     """Values of `RenderSettings`."""
+    metadata: Mapping[str, Entry] = field(default_factory=dict)
+    """Header entries in addition to those of the product, see `images.user_metadata`."""
     settings_prim: str | None = None
     """Path of the RenderSettings prim to use."""
     product: str | None = None
@@ -79,12 +81,16 @@ class PicturePlan:
     aovs: tuple[str, ...]
     purposes: tuple[str, ...]
     pixel_type: PixelType | None = None
+    pixel_types: tuple[tuple[str, PixelType], ...] = ()
+    """Pairs (AOV or "alpha", type) for channels of an EXR with another type than usual."""
     matte: tuple[tuple[str, bool], ...] = ()
     holdout: str | None = None
     deep: bool = False
     compare: bool = True
     is_baked: bool = False
     """Whether the view transform is applied when the picture is written."""
+    metadata: tuple[tuple[str, Entry], ...] = ()
+    """Header entries that the user or the product adds."""
     findings: tuple[Finding, ...] = ()
     """Settings of the product that cannot be followed."""
 
