@@ -151,7 +151,13 @@ def test_each_var_has_its_own_type(run_json, shot, tmp_path):
     settings = UsdRender.Settings.Define(stage, "/Render/Main")
     product = UsdRender.Product.Define(stage, "/Render/a")
     product.GetProductNameAttr().Set(str(tmp_path / "a.exr"))
-    for source, kind in (("Ci", "color3h"), ("a", "float"), ("depth", ""), ("N", "half3")):
+    for source, kind in (
+        ("Ci", "color3h"),
+        ("a", "float"),
+        ("depth", ""),
+        ("N", "half3"),
+        ("albedo", "color3f"),
+    ):
         var = UsdRender.Var.Define(stage, f"/Render/a/{source}")
         var.GetSourceNameAttr().Set(source)
         if kind:
@@ -169,6 +175,7 @@ def test_each_var_has_its_own_type(run_json, shot, tmp_path):
     assert types() == {
         **dict.fromkeys("RGB", "half"), "A": "float", "Z": "float",
         **dict.fromkeys(("N.x", "N.y", "N.z"), "half"),
+        **dict.fromkeys(("albedo.R", "albedo.G", "albedo.B"), "float"),
     }  # fmt: skip
     run_json("render", shot, "--half", *SMALL)
     assert types()["A"] == "half"

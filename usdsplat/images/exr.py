@@ -277,7 +277,7 @@ def _type_of(aov: Aov, layout: ImageLayout, channel: str = "") -> str:
     """Return the type of a channel; "uint", because OpenImageIO silently makes half of "uint32"."""
     if aov.kind == "color":
         usual = layout.pixel_type or "half"
-        return layout.pixel_types.get("alpha", usual) if channel == "A" else usual
+        return layout.pixel_types.get("alpha" if channel == "A" else aov.name, usual)
     if aov.kind == "id":
         return "uint"
     is_coded = aov.name.startswith("crypto")  # ids as bits of floating-point numbers
