@@ -21,7 +21,8 @@ notes:
   PNG is display-referred sRGB; EXR is scene-linear Rec.709 unless --color-mode says otherwise.
   Flags override the values of the stage's UsdRender prims.
   Without --frames, a name with #### gets the stage's whole range, any other name its first frame.
-  So does a productName whose time samples differ. A shell needs quotes around '$F4' and '<F4>'.
+  So does a productName whose time samples differ. A shell needs quotes around '$F4' and '<F4>',
+  which may also be in the names of folders.
   If the stage has several products, -o renders the first one; --product selects another.
   If the stage has no camera, a static camera shows the splats of the first, middle and last
   frame. For a sequence that is rendered in several runs, use --camera.
