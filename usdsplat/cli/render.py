@@ -23,7 +23,8 @@ notes:
   PNG is display-referred sRGB; EXR is scene-linear Rec.709 unless --color-mode says otherwise.
   Flags override the values of the stage's UsdRender prims.
   Without --frames, a name with #### gets the stage's whole range, any other name its first frame.
-  So does a productName whose time samples differ. A shell needs quotes around '$F4' and '<F4>'.
+  So does a productName whose time samples differ. A shell needs quotes around '$F4' and '<F4>',
+  which may also be in the names of folders.
   If the stage has several products, -o renders the first one; --product selects another.
   If the stage has no camera, a static camera shows the splats of the first, middle and last
   frame. For a sequence that is rendered in several runs, use --camera.
@@ -86,7 +87,7 @@ class Options:
     resume: Annotated[bool, option()] = False
     """skip frames whose file exists"""
     json: Annotated[bool, option()] = False
-    """print one JSON object with the pictures and the findings"""
+    """print one JSON object with the pictures, the files that --resume skipped, and the findings"""
     framing: FramingOptions = field(default_factory=FramingOptions)
     drawing: DrawingFlags = field(default_factory=DrawingFlags)
     sampling: SamplingFlags = field(default_factory=SamplingFlags)
@@ -102,8 +103,8 @@ def run(options: Options, reporter: Reporter) -> int:
     from usdsplat.delegate.engine import Engine
     from usdsplat.interchange.opening import check_prims
     from usdsplat.kernels.compiling import compile_time, on_compile
-    from usdsplat.products.drawing import DrawOptions, draw_frames, work_of
-    from usdsplat.products.frames import first_frame, frames_to_draw
+    from usdsplat.products.drawing import DrawOptions, draw_frames, existing_pictures, work_of
+    from usdsplat.products.frames import first_frame, frames_to_draw, outside_range
     from usdsplat.products.planning import plan_pictures
 
     request = _request(options)
@@ -113,7 +114,7 @@ def run(options: Options, reporter: Reporter) -> int:
     )
     if options.threads is not None:
         images.limit_threads(options.threads)
-    report = []
+    report, skipped = [], []
     with (
         compile_time() as compiled,
         reporter.progress(compiled) as progress,
@@ -134,7 +135,10 @@ def run(options: Options, reporter: Reporter) -> int:
         with Engine(stage, device=options.device, threads=options.threads, time=first) as engine:
             plans = plan_pictures(engine, request)
             frames = frames_to_draw(stage, options.frames, plans)
+            reporter.findings.extend(filter(None, [outside_range(stage, frames)]))
             engine.expect(work_of(plans, frames))
+            if options.resume:
+                skipped = existing_pictures(plans, frames)
             for drawn in draw_frames(
                 engine,
                 plans,
@@ -151,12 +155,13 @@ def run(options: Options, reporter: Reporter) -> int:
         reporter.remark("nothing to do: every file exists already")
     if options.json:
         pictures = [{**asdict(drawn), "path": str(drawn.path)} for drawn in report]
-        reporter.print_json({"pictures": pictures})
+        reporter.print_json({"pictures": pictures, "skipped": [str(path) for path in skipped]})
     return 0
 
 
 def _request(options: Options) -> RenderRequest:
     """Return the request that the flags describe."""
+    from usdsplat.images.user_metadata import parse_entry
     from usdsplat.products.request import RenderRequest
 
     framing, file = options.framing, options.file
@@ -178,6 +183,7 @@ def _request(options: Options) -> RenderRequest:
         compare=not file.no_compare,
         bake_view=file.bake_view,
         settings={name: value for each in flags for name, value in given(each).items()},
+        metadata=dict(parse_entry("--metadata", text) for text in file.metadata),
         settings_prim=options.settings,
         product=options.product,
     )

@@ -54,8 +54,14 @@ class DrawnPicture:
 
     path: Path
     frame: float
+    product: str | None
+    """Path of the RenderProduct; None for a picture that no product of the stage describes."""
     camera: str | None
     """Path of the camera; None for a camera that frames the scene."""
+    aovs: tuple[str, ...]
+    """Names of the AOVs in the file, see `images.aovs.AOVS`."""
+    device: str
+    """Name of the device that drew it."""
     resolution: tuple[int, int]
     """Width and height [pixel]."""
     splats: int
@@ -64,8 +70,6 @@ class DrawnPicture:
     """Number of splats that may touch the data window."""
     seconds: float
     """Time for drawing and writing [s]."""
-    aovs: tuple[str, ...]
-    """Names of the AOVs in the file, see `images.aovs.AOVS`."""
     deep_samples: int | None = None
     """Number of samples of a deep picture."""
 
@@ -82,6 +86,15 @@ def work_of(plans: Sequence[PicturePlan], frames: Sequence[float]) -> list[Work]
         )
         for plan in plans
     ]
+
+
+def existing_pictures(plans: Sequence[PicturePlan], frames: Sequence[float]) -> list[Path]:
+    """Return the files of pictures that exist, and that `draw_frames` skips when it resumes.
+
+    Raises:
+        UsageError: If two pictures have the same file.
+    """
+    return [path for _, _, path in _jobs(plans, frames, "replace") if path.exists()]
 
 
 def draw_frames(
@@ -181,12 +194,14 @@ def draw_frames(
         yield DrawnPicture(
             path=path,
             frame=frame,
+            product=plan.product or None,
             camera=view.camera.path or None,
+            aovs=tuple(dict.fromkeys(("color", "Z", *plan.aovs))) if plan.deep else plan.aovs,
+            device=engine.device,
             resolution=view.framing.resolution,
             splats=stats.splats,
             visible=stats.visible,
             seconds=seconds,
-            aovs=plan.aovs,
             deep_samples=None if report is None else report.samples,
         )
 

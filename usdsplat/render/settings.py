@@ -11,14 +11,9 @@ from usdsplat.images.cryptomatte import RANK
 from usdsplat.render.specs import SortingMode
 
 FILE_KNOBS = (
-    "compression",
-    "tile_size",
-    "empty_depth",
-    "multipart",
-    "crypto_rank",
-    "deep_error",
-    "deep_color",
-)
+    "compression", "tile_size", "empty_depth", "multipart", "crypto_rank", "deep_error",
+    "deep_color", "png_bits", "start_timecode",
+)  # fmt: skip
 """Knobs of files, which views in a window do not offer."""
 
 
@@ -116,6 +111,12 @@ class RenderSettings:
         "colour of deep samples: scene is that of their splats, beauty scales it in each pixel so "
         "that the flattened samples equal the flat picture, blended in the training space; "
         "opacities stay the same",
+    )
+    png_bits: Literal["8", "16"] = knob("8", "bits of each channel of a PNG")
+    start_timecode: str = knob(
+        "",
+        "SMPTE time code of the stage's startTimeCode, such as 01:00:00:00; default: frame 0 is "
+        "00:00:00:00",
     )
 
     def resolved(self, hints: Iterable[SortingMode]) -> RenderSettings:
