@@ -103,7 +103,7 @@ def run(options: Options, reporter: Reporter) -> int:
     from usdsplat.delegate.engine import Engine
     from usdsplat.interchange.opening import check_prims
     from usdsplat.kernels.compiling import compile_time, on_compile
-    from usdsplat.products.drawing import DrawOptions, draw_frames, existing_pictures, work_of
+    from usdsplat.products.drawing import DrawOptions, draw_frames, files_of, work_of
     from usdsplat.products.frames import first_frame, frames_to_draw, outside_range
     from usdsplat.products.planning import plan_pictures
 
@@ -114,7 +114,7 @@ def run(options: Options, reporter: Reporter) -> int:
     )
     if options.threads is not None:
         images.limit_threads(options.threads)
-    report, skipped = [], []
+    report = []
     with (
         compile_time() as compiled,
         reporter.progress(compiled) as progress,
@@ -137,8 +137,6 @@ def run(options: Options, reporter: Reporter) -> int:
             frames = frames_to_draw(stage, options.frames, plans)
             reporter.findings.extend(filter(None, [outside_range(stage, frames)]))
             engine.expect(work_of(plans, frames))
-            if options.resume:
-                skipped = existing_pictures(plans, frames)
             for drawn in draw_frames(
                 engine,
                 plans,
@@ -154,8 +152,11 @@ def run(options: Options, reporter: Reporter) -> int:
     if not report:
         reporter.remark("nothing to do: every file exists already")
     if options.json:
+        done = {drawn.path for drawn in report}
+        paths = [path for group in files_of(plans, frames) for path in group]
         pictures = [{**asdict(drawn), "path": str(drawn.path)} for drawn in report]
-        reporter.print_json({"pictures": pictures, "skipped": [str(path) for path in skipped]})
+        skipped = [str(path) for path in paths if path not in done]
+        reporter.print_json({"pictures": pictures, "skipped": skipped})
     return 0
 
 

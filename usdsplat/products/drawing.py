@@ -88,15 +88,6 @@ def work_of(plans: Sequence[PicturePlan], frames: Sequence[float]) -> list[Work]
     ]
 
 
-def existing_pictures(plans: Sequence[PicturePlan], frames: Sequence[float]) -> list[Path]:
-    """Return the files of pictures that exist, and that `draw_frames` skips when it resumes.
-
-    Raises:
-        UsageError: If two pictures have the same file.
-    """
-    return [path for _, _, path in _jobs(plans, frames, "replace") if path.exists()]
-
-
 def draw_frames(
     engine: Engine,
     plans: Sequence[PicturePlan],
