@@ -41,14 +41,15 @@ def test_a_deep_file_flattens_to_the_linear_picture(run, shot, tmp_path):
 
 def test_deep_sequences_resume_and_need_no_comparison(run, shot, tmp_path):
     """Oracle: the files; a frame that is there stays, and no flat picture is spoken of."""
-    (tmp_path / "a.1.exr").write_bytes(b"here already")
-    flags = ("--deep", "--no-compare", "--compression", "zips", "--resume", *SMALL)
-    output = ("-o", tmp_path / "a.%d.exr", "--frames", "1-4x2,2", "--json")
-    status, out, err = run("render", shot, *output, *flags)
+    flags = ("--deep", "--no-compare", "--compression", "zips", *SMALL)
+    output = ("-o", tmp_path / "a.%d.exr", "--json", "--frames")
+    assert run("render", shot, *output, "1", *flags)[0] == 0
+    before = (tmp_path / "a.1.exr").read_bytes()
+    status, out, err = run("render", shot, *output, "1-4x2,2", "--resume", *flags)
     assert (status, "flattened" in err) == (0, False)
     assert [item["frame"] for item in json.loads(out)["pictures"]] == [3, 2]
     assert all(item["deep_samples"] > 1000 for item in json.loads(out)["pictures"])
-    assert (tmp_path / "a.1.exr").read_bytes() == b"here already"
+    assert (tmp_path / "a.1.exr").read_bytes() == before
     assert header(tmp_path / "a.2.exr").getattribute("compression") == "zips"
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import shutil
 
 import numpy as np
@@ -119,13 +120,15 @@ def test_real_captures_are_described(run_json, data):
     assert run_json("info", data / "oracle" / "sogdir" / "meta.json")["splats"] == 1000
 
 
-def test_a_field_that_cannot_be_read_is_named_with_its_problem(run_json, shot):
+def test_a_field_that_cannot_be_read_is_named_with_its_problem(run, shot):
     """Oracle: a packed prim without its arrays, beside the ball of the fixture."""
     stage = Usd.Stage.Open(str(shot))
     bad = stage.DefinePrim("/World/Bad", "ParticleFieldPackedSplat")
     bad.CreateAttribute("positions", Sdf.ValueTypeNames.Point3fArray).Set([(0, 0, 0)])
     stage.GetRootLayer().Save()
-    told = run_json("info", shot)
+    status, out, err = run("info", shot, "--json")
+    assert status == 0 and err.startswith("usdsplat: error [not-drawn] /World/Bad.splat:packed")
+    told = json.loads(out)
     assert told["splats"] == 300
     assert [field["path"] for field in told["fields"]] == ["/World/Ball", "/World/Bad"]
     assert told["fields"][1]["problem"].startswith("/World/Bad")

@@ -132,10 +132,9 @@ def test_resume_draws_what_is_missing(run_json, shot, tmp_path):
     output = tmp_path / "a.%d.png"
     run_json("render", shot, "-o", output, "--frames", "2", *SMALL)
     os.utime(tmp_path / "a.2.png", (1, 1))
-    drawn = run_json("render", shot, "-o", output, "--frames", "1-3", "--resume", *SMALL)[
-        "pictures"
-    ]
-    assert [item["frame"] for item in drawn] == [1, 3]
+    report = run_json("render", shot, "-o", output, "--frames", "1-3", "--resume", *SMALL)
+    assert [item["frame"] for item in report["pictures"]] == [1, 3]
+    assert report["skipped"] == [str(tmp_path / "a.2.png")]
     assert (tmp_path / "a.2.png").stat().st_mtime == 1
 
 
@@ -277,6 +276,11 @@ def test_a_stages_products_drive(run_json, products, tmp_path):
         ("look.0001.png", [20, 10]),
         ("deep.0002.exr", [40, 20]),
         ("look.0002.png", [20, 10]),
+    ]
+    named = [(item["product"], item["aovs"], item["device"]) for item in drawn[:2]]
+    assert named == [
+        ("/Render/deep", ["color", "Z"], "cpu"),
+        ("/Render/look", ["color"], "cpu"),
     ]
     assert header(tmp_path / "deep.0001.exr").channelnames == ("R", "G", "B", "A", "Z")
     assert read(tmp_path / "look.0002.png").shape == (10, 20, 4)

@@ -80,12 +80,12 @@ def run(options: Options, reporter: Reporter) -> int:
     edits = edits_of(options.edit)
     check(options, sources, target)
     stage, frames, captures = options.stage_output, options.sequence, options.capture
-    if reporter.findings.is_strict:
-        from usdsplat.schema.composition import composition_findings
+    for source in filter(is_usd, sources):
+        from usdsplat.products.checking import opening_findings
 
-        for source in filter(is_usd, sources):
-            reporter.findings.extend(composition_findings(open_stage(source)))
-        reporter.findings.check()
+        time = time_code(options.stage_input.frame)
+        reporter.findings.extend(opening_findings(open_stage(source), time))
+    reporter.findings.check()
     form: Form = "packed" if stage.packed else "half" if stage.half else "float"
     with ExitStack() as during:
         during.enter_context(made_folder(Path(target).parent))

@@ -68,5 +68,7 @@ class FileOptions(FileFlags):
     """apply the view transform to the file; PNGs always have it"""
     deep: Annotated[bool, option()] = False
     """write a deep EXR, with every contribution to a pixel"""
+    metadata: Annotated[tuple[str, ...], option("NAME=VALUE")] = ()
+    """add an entry to the files' headers, a number if it looks like one; may be repeated"""
     no_compare: Annotated[bool, option()] = False
     """do not compare a deep picture with a flat one; takes half the time"""

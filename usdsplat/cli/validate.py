@@ -19,7 +19,7 @@ notes:
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -53,7 +53,7 @@ def run(options: Options, reporter: Reporter) -> int:
     """Print the findings. Return 1 for errors, and in a strict run for warnings; otherwise 0."""
     from usdsplat.kernels.compiling import on_compile
 
-    everything = Findings(is_strict=options.reporting.strict)
+    reporter.printed = everything = Findings(is_strict=options.reporting.strict)
     total: Counter[str] = Counter(files=len(options.stages))
     with reporter.progress() as progress, on_compile(reporter.announce_compilation()):
         for path in options.stages:
@@ -63,8 +63,7 @@ def run(options: Options, reporter: Reporter) -> int:
             if not options.json:
                 _show(path, findings, looked_at, reporter)
     if options.json:
-        found = [asdict(each) for each in everything]
-        console.print_json({"findings": found, "looked_at": dict(total)})
+        reporter.print_json({"looked_at": dict(total)})
     elif len(options.stages) > 1:
         console.say(f"{counted(len(options.stages), 'file')}: {_amounts(everything)}")
     is_failure = everything.is_strict and everything.is_failure

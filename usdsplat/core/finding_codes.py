@@ -161,6 +161,19 @@ CODES: dict[str, Code] = {
         "name an EXR for the other AOVs",
         "the others are left out",
     ),
+    "unused-config": Code(
+        "note",
+        "the variable OCIO names a config, but a picture for displays has no OCIO view",
+        "give --view or --bake-view, or author splat:ocioView",
+        "the picture has plain sRGB, because the variable does not ask for a view",
+    ),
+    "product-metadata": Code(
+        "warning",
+        "an attribute of a RenderProduct in driver:parameters:OpenEXR: is no entry that a user may "
+        "add to a header, or a compression that is not supported",
+        "choose another name, or remove the attribute",
+        "it is left out",
+    ),
     "bad-window": Code(
         "error",
         "a data window is not finite",
@@ -198,6 +211,12 @@ CODES: dict[str, Code] = {
         "a camera has a shutter or a lens, but one sample shows no blur",
         "render with several samples, for example --samples 64",
     ),
+    "outside-range": Code(
+        "note",
+        "a frame to draw is outside of the range from the stage's startTimeCode to its endTimeCode",
+        "check --frames, or the range of the stage",
+        "it is drawn with the values that the stage has there",
+    ),
     "nothing-to-draw": Code(
         "error",
         "nothing is drawn in a picture",
@@ -207,7 +226,8 @@ CODES: dict[str, Code] = {
     # --- names ---
     "unknown-name": Code(
         "warning",
-        "a property in the namespace splat: or splatSim: has an unknown name",
+        "a property in the namespace splat: or splatSim:, or an input of a shader, has an unknown "
+        "name",
         "correct the name, or remove the property",
     ),
     # --- simulations ---

@@ -12,6 +12,8 @@ class StageInfo:
     frames_per_second: float
     """Rate of playback."""
     time_codes_per_second: float
+    start: float
+    """Time code of the first frame; 0 for a stage without a range."""
     meters_per_unit: float
     files: tuple[str, ...]
     """Absolute paths of the files of all used layers, sorted; empty if a layer exists only in

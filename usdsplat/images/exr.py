@@ -53,6 +53,7 @@ SHARED = (
     "worldToNDC",
     "screenWindowCenter",
     "screenWindowWidth",
+    "usdsplat:projection",
     "pinholeFocalLength",
     "sensorOverallDimensions",
     "framesPerSecond",
@@ -126,8 +127,10 @@ class ExrWriter(ImageWriter):
         with the layout's depth in empty pixels."""
         if aov.is_depth and self._layout.empty_depth != math.inf:
             return np.where(np.isposinf(values), np.float32(self._layout.empty_depth), values)
-        is_half = _type_of(aov, self._layout) == "half"
-        return np.clip(values, -HALF_MAX, HALF_MAX) if is_half else values
+        if _type_of(aov, self._layout) != "half":
+            return values
+        found = np.clip(values, -HALF_MAX, HALF_MAX)
+        return found if aov.kind == "color" else np.where(np.isfinite(values), found, values)
 
     def _write_rows(self, y0: int, pixels: Pixels) -> None:
         """Append rows to the open part: at once, or in whole rows of tiles."""
@@ -216,7 +219,7 @@ def _side_by_side(arrays: list[Pixels]) -> Pixels:
 def _spec(layout: ImageLayout, part: _Part) -> oiio.ImageSpec:
     """Return the header entries and channels of a part."""
     rows, columns = layout.shape
-    types = tuple(_type_of(aov, layout) for aov in part.aovs for _ in aov.channels)
+    types = tuple(_type_of(aov, layout, name) for aov in part.aovs for name in aov.channels)
     spec = oiio.ImageSpec(columns, rows, len(types), types[0])
     spec.channelformats = types
     spec.channelnames = tuple(name for aov in part.aovs for name in aov.channels)
@@ -270,8 +273,12 @@ def _attach(spec: oiio.ImageSpec, metadata: Metadata) -> None:
             spec.attribute(key, value)
 
 
-def _type_of(aov: Aov, layout: ImageLayout) -> str:
+def _type_of(aov: Aov, layout: ImageLayout, channel: str = "") -> str:
     """Return the type of a channel; "uint", because OpenImageIO silently makes half of "uint32"."""
     if aov.kind == "color":
-        return layout.pixel_type or "half"
-    return "uint" if aov.kind == "id" else "float"
+        usual = layout.pixel_type or "half"
+        return layout.pixel_types.get("alpha" if channel == "A" else aov.name, usual)
+    if aov.kind == "id":
+        return "uint"
+    is_coded = aov.name.startswith("crypto")  # ids as bits of floating-point numbers
+    return "float" if is_coded else layout.pixel_types.get(aov.name, "float")

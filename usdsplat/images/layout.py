@@ -36,6 +36,9 @@ class ImageLayout:
     """Names in `aovs.AOVS`."""
     pixel_type: PixelType | None = None
     """Type of colour channels; None is the format's default: half in EXR, uint8 in PNG."""
+    pixel_types: Mapping[str, PixelType] = field(default_factory=dict)
+    """AOV, or "alpha" -> type in an EXR that differs: that of alpha from colour's, that of data
+    from float. Ids and Cryptomatte keep theirs."""
     color_space: str = "lin_rec709_scene"
     """Colour space of the colour channels, a name from `color.COLOR_SPACES`."""
     multipart: bool = False

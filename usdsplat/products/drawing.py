@@ -25,7 +25,7 @@ from usdsplat.products.flat import draw_flat
 from usdsplat.products.header import Origin, labelled_layout
 from usdsplat.products.picture_file import PictureFile, RowsWritten
 from usdsplat.products.preflight import findings_of, go_to, of_picture
-from usdsplat.products.request import PicturePlan
+from usdsplat.products.request import DEEP_AOVS, PicturePlan
 from usdsplat.render.cost import Work
 from usdsplat.render.occluders import ReadHoldout
 from usdsplat.render.specs import CameraSpec
@@ -51,8 +51,14 @@ class DrawnPicture:
 
     path: Path
     frame: float
+    product: str | None
+    """Path of the RenderProduct; None for a picture that no product of the stage describes."""
     camera: str | None
     """Path of the camera; None for a camera that frames the scene."""
+    aovs: tuple[str, ...]
+    """Names of the AOVs in the file; those of a deep picture are its channels."""
+    device: str
+    """Name of the device that drew it."""
     resolution: tuple[int, int]
     """Width and height [pixel]."""
     splats: int
@@ -168,7 +174,10 @@ def draw_frames(
         yield DrawnPicture(
             path=path,
             frame=frame,
+            product=plan.product or None,
             camera=view.camera.path or None,
+            aovs=DEEP_AOVS if plan.deep else plan.aovs,
+            device=engine.device,
             resolution=view.framing.resolution,
             splats=stats.splats,
             visible=stats.visible,
@@ -253,15 +262,25 @@ def _framing_camera(
     return engine.framing_camera(times, framing=plan.framing)
 
 
-def _jobs(
-    plans: Sequence[PicturePlan], frames: Sequence[float], existing: Existing, findings: Findings
-) -> list[_Job]:
-    """Return the pictures to draw with their files, frame by frame."""
+def files_of(plans: Sequence[PicturePlan], frames: Sequence[float]) -> list[tuple[Path, ...]]:
+    """Return the file of each frame of each picture.
+
+    Raises:
+        UsageError: If two pictures have the same file.
+    """
     names = [plan.output.paths(frames) for plan in plans]
     paths = [path for group in names for path in group]
     if len(set(paths)) < len(paths):
         twice = next(path for path in paths if paths.count(path) > 1)
         raise UsageError(str(twice), "two products with this file", "a file for each")
+    return names
+
+
+def _jobs(
+    plans: Sequence[PicturePlan], frames: Sequence[float], existing: Existing, findings: Findings
+) -> list[_Job]:
+    """Return the pictures to draw with their files, frame by frame."""
+    names = files_of(plans, frames)
     jobs = [
         (plan, frame, group[i])
         for i, frame in enumerate(frames)

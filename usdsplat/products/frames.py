@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from usdsplat.core.errors import StageError
+from usdsplat.core.findings import Finding, finding
+from usdsplat.core.wording import counted
 from usdsplat.delegate.scene_delegate import Stage
 from usdsplat.images.frame_numbers import parse_frames
 from usdsplat.products.request import PicturePlan
@@ -26,6 +28,17 @@ def first_frame(stage: Stage, asked: str | None) -> float:
         StageError: If it is `WHOLE_RANGE`, and the stage has none.
     """
     return frames_to_draw(stage, asked, ())[0]
+
+
+def outside_range(stage: Stage, frames: Sequence[float]) -> Finding | None:
+    """Return a finding if frames are outside of the stage's range; None if it has no range."""
+    first, last = stage.GetStartTimeCode(), stage.GetEndTimeCode()
+    beyond = [frame for frame in frames if not first <= frame <= last]
+    if not beyond or not stage.HasAuthoredTimeCodeRange():
+        return None
+    others = f" (and {counted(len(beyond) - 1, 'more frame')})" if len(beyond) > 1 else ""
+    found = f"frame {beyond[0]:g}{others}"
+    return finding("outside-range", "frames", found, f"{first:g} to {last:g}, the stage's range")
 
 
 def frames_to_draw(

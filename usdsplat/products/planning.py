@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
 from pathlib import Path
 
 from usdsplat.core.errors import StageError, UsageError
-from usdsplat.core.findings import finding
+from usdsplat.core.findings import Finding, finding
 from usdsplat.core.knobs import checked
 from usdsplat.delegate.engine import PURPOSES, Engine
 from usdsplat.delegate.product import ProductSpec
 from usdsplat.images import COLOR_MODES, default_color_mode, open_writer
 from usdsplat.images.aovs import find_aovs
 from usdsplat.images.frame_numbers import FileName, frame_path
-from usdsplat.products.header import layout_of
-from usdsplat.products.request import MOST_PIXELS, PicturePlan, RenderRequest
+from usdsplat.images.layout import PixelType
+from usdsplat.products.header import layout_of, start_offset
+from usdsplat.products.request import DEEP_AOVS, MOST_PIXELS, PicturePlan, RenderRequest
 from usdsplat.render.framing import CONFORM
 from usdsplat.render.output import view_of
 from usdsplat.render.settings import RenderSettings
@@ -23,8 +25,8 @@ from usdsplat.render.specs import Framing
 KNOWN_PURPOSES = ("default", "render", "proxy", "guide")
 KINDS = ("raster", "deepRaster")
 """Supported `productType` values."""
-DEEP_AOVS = ("color", "Z")
-"""AOVs of a deep picture."""
+NO_PRODUCT = "render"
+"""Name in messages of the picture of a stage without products."""
 
 
 def plan_pictures(engine: Engine, request: RenderRequest) -> tuple[PicturePlan, ...]:
@@ -60,12 +62,12 @@ def plan_pictures(engine: Engine, request: RenderRequest) -> tuple[PicturePlan, 
 def plan_default(engine: Engine, request: RenderRequest, camera: str | None = None) -> PicturePlan:
     """Plan the picture of a stage without products, by default of its first camera."""
     spec = ProductSpec(
-        path="render",
+        path=NO_PRODUCT,
         framing=replace(Framing(), resolution=request.resolution or Framing().resolution),
         settings=checked("render", RenderSettings, request.settings),
         purposes=PURPOSES,
     )
-    return _finished(request, spec, camera or _first_camera(engine))
+    return _finished(engine, request, spec, camera or _first_camera(engine))
 
 
 def plan_product(engine: Engine, request: RenderRequest, product: ProductSpec) -> PicturePlan:
@@ -77,10 +79,13 @@ def plan_product(engine: Engine, request: RenderRequest, product: ProductSpec) -
     """
     if product.kind not in KINDS:
         raise UsageError(product.path, f"productType {product.kind}", " or ".join(KINDS))
-    return _finished(request, product, _camera_of(engine, product) or _first_camera(engine))
+    camera = _camera_of(engine, product) or _first_camera(engine)
+    return _finished(engine, request, product, camera)
 
 
-def _finished(request: RenderRequest, spec: ProductSpec, camera: str | None) -> PicturePlan:
+def _finished(
+    engine: Engine, request: RenderRequest, spec: ProductSpec, camera: str | None
+) -> PicturePlan:
     """Complete a plan: choose the colour mode by the file, and check what the file can hold."""
     where, name = spec.path, _name_of(request, spec)
     output = str(name)
@@ -103,22 +108,28 @@ def _finished(request: RenderRequest, spec: ProductSpec, camera: str | None) -> 
     settings = spec.settings
     if deep or settings.color_mode == "auto":
         settings = replace(settings, color_mode="scene" if deep else suited)
+    is_baked = settings.color_mode != "display" and (is_png or request.bake_view)
+    settings, unused = _with_config(settings, where, is_baked=is_baked, is_png=is_png)
+    findings = (*findings, *unused)
     view_of(settings)  # raises an error if the view does not exist
+    start_offset(settings, engine.stage_info())  # raises an error if the time code does not exist
     _check_purposes(f"{where} purposes", request.purposes or spec.purposes)
     picture = PicturePlan(
         output=name,
+        product=spec.path if spec.path != NO_PRODUCT else "",
         camera=camera,
         framing=_framing(request, spec.framing, where),
         settings=settings,
         aovs=names,
         purposes=request.purposes or spec.purposes,
-        # The precision in RenderVars applies to EXRs only.
-        pixel_type=request.pixel_type or (None if is_png else spec.pixel_type or None),
+        pixel_type=request.pixel_type or _pixel_type(spec, settings, is_png=is_png),
+        pixel_types=_pixel_types(request, spec),
         matte=(*spec.matte, *((path, True) for path in request.matte)),
         holdout=request.holdout,
         deep=deep,
         compare=request.compare,
-        is_baked=settings.color_mode != "display" and (is_png or request.bake_view),
+        is_baked=is_baked,
+        metadata=tuple({**dict(spec.metadata), **request.metadata}.items()),
         findings=findings,
     )
     layout = layout_of(picture)
@@ -129,6 +140,43 @@ def _finished(request: RenderRequest, spec: ProductSpec, camera: str | None) -> 
     else:
         open_writer(output, layout)
     return picture
+
+
+def _with_config(
+    settings: RenderSettings, where: str, *, is_baked: bool, is_png: bool
+) -> tuple[RenderSettings, tuple[Finding, ...]]:
+    """Apply $OCIO, which names the config of a picture that is drawn through a view.
+
+    It does not decide whether there is a view, so that captured colours are the same everywhere.
+
+    Returns:
+        The settings, and a note if the variable has no effect on a picture for displays.
+    """
+    config = os.environ.get("OCIO", "")
+    if not config or settings.ocio_config:
+        return settings, ()
+    names = (settings.ocio_display, settings.ocio_view, settings.ocio_look)
+    if any(names) or is_baked or settings.color_mode == "inverseView":
+        return replace(settings, ocio_config=config), ()
+    unused = finding("unused-config", "$OCIO", config, f"a view for {where}: --view NAME")
+    return settings, (unused,) if is_png or settings.color_mode == "display" else ()
+
+
+def _pixel_type(spec: ProductSpec, settings: RenderSettings, *, is_png: bool) -> PixelType | None:
+    """Return the type of the colour channels; the types of RenderVars apply to EXRs only."""
+    if is_png:
+        return "uint16" if settings.png_bits == "16" else "uint8"
+    return dict(spec.pixel_types).get("color")
+
+
+def _pixel_types(request: RenderRequest, spec: ProductSpec) -> tuple[tuple[str, PixelType], ...]:
+    """Return the types of other channels than colour; --half and --float decide for alpha."""
+    decided = ("color", "alpha") if request.pixel_type else ("color",)
+    return tuple(
+        (name if name == "alpha" else find_aovs((name,), where=spec.path)[0].name, kind)
+        for name, kind in spec.pixel_types
+        if name not in decided
+    )
 
 
 def _name_of(request: RenderRequest, spec: ProductSpec) -> FileName:

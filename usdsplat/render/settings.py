@@ -9,7 +9,10 @@ from typing import Literal
 from usdsplat.core.knobs import knob, knobs
 from usdsplat.render.specs import SortingMode
 
-FILE_KNOBS = ("compression", "tile_size", "empty_depth", "multipart", "deep_error")
+FILE_KNOBS = (
+    "compression", "tile_size", "empty_depth", "multipart", "deep_error", "png_bits",
+    "start_timecode",
+)  # fmt: skip
 """Knobs that only affect files."""
 
 
@@ -95,6 +98,12 @@ class RenderSettings:
         "merge neighbouring deep samples while the opacity in front of any depth changes by this "
         "or less; 0 merges none",
         range=(0.0, 0.1),
+    )
+    png_bits: Literal["8", "16"] = knob("8", "bits of each channel of a PNG")
+    start_timecode: str = knob(
+        "",
+        "SMPTE time code of the stage's startTimeCode, such as 01:00:00:00; default: frame 0 is "
+        "00:00:00:00",
     )
 
     def resolved(self, hints: Iterable[SortingMode]) -> RenderSettings:

@@ -22,6 +22,7 @@ from usdsplat.delegate.scene_delegate.unsupported import (
     FALLBACKS,
     finding_on_input,
     finding_on_surface,
+    findings_on_names,
 )
 from usdsplat.images.texture import Encoding
 from usdsplat.render.specs import MaterialSpec, TextureSpec, Wrap
@@ -212,7 +213,9 @@ class MaterialReader:
     def _id(self, node: Usd.Prim) -> str:
         self._sources.add(node)
         attribute = node.GetAttribute("info:id")
-        return str(attribute.Get() or "") if attribute else ""
+        kind = str(attribute.Get() or "") if attribute else ""
+        self.findings += findings_on_names(node, kind)
+        return kind
 
     def _color(self, node: Usd.Prim, name: str, fallback: Color) -> Color:
         red, green, blue, *_ = self._numbers(node, name, fallback)

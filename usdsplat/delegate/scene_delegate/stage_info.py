@@ -15,6 +15,7 @@ def read_stage_info(stage: Usd.Stage, *, prims: tuple[str, ...]) -> StageInfo:
     return StageInfo(
         frames_per_second=stage.GetFramesPerSecond(),
         time_codes_per_second=stage.GetTimeCodesPerSecond(),
+        start=stage.GetStartTimeCode() if stage.HasAuthoredTimeCodeRange() else 0.0,
         meters_per_unit=UsdGeom.GetStageMetersPerUnit(stage),
         files=tuple(sorted({_file(layer.realPath) for layer in layers})) if is_saved else (),
         prims=prims,

@@ -41,6 +41,23 @@ FALLBACKS: dict[str, Any] = {
 Source: the UsdPreviewSurface specification.
 """
 
+_SURFACE = (
+    "diffuseColor", "emissiveColor", "useSpecularWorkflow", "specularColor", "metallic",
+    "roughness", "clearcoat", "clearcoatRoughness", "opacity", "opacityMode", "opacityThreshold",
+    "ior", "normal", "displacement", "occlusion",
+)  # fmt: skip
+INPUTS = {
+    "UsdPreviewSurface": _SURFACE,
+    "UsdUVTexture": ("file", "st", "wrapS", "wrapT", "fallback", "scale", "bias",
+                     "sourceColorSpace"),
+    "UsdTransform2d": ("in", "rotation", "scale", "translation"),
+    "UsdPrimvarReader": ("varname", "fallback"),
+}  # fmt: skip
+"""Shader -> names of its inputs; `UsdPrimvarReader` has a suffix for its type.
+
+Source: the UsdPreviewSurface specification.
+"""
+
 
 def why_not_drawn(prim: Usd.Prim) -> str:
     """Return the code of the finding on a prim that is none of the drawn ones; "" for none.
@@ -104,6 +121,22 @@ def finding_on_input(shader: Usd.Prim, name: str, found: Any) -> Finding | None:
     said = "a connection" if found is None else _text(found)
     where = f"{shader.GetPath()}.inputs:{name}"
     return finding("unsupported-input", where, said, f"{_text(fallback)}, the fallback")
+
+
+def findings_on_names(shader: Usd.Prim, kind: str) -> Iterator[Finding]:
+    """Yield a finding for each input of a shader that its specification does not have.
+
+    Args:
+        shader: The shader.
+        kind: Its identifier.
+    """
+    known = INPUTS.get(kind.partition("_")[0], ())
+    for name in shader.GetAuthoredPropertyNames() if known else ():
+        if name.startswith("inputs:") and name.removeprefix("inputs:") not in known:
+            near = difflib.get_close_matches(name.removeprefix("inputs:"), known, n=1)
+            expected = f"such as inputs:{near[0]}" if near else f"an input of {kind}"
+            where = f"{shader.GetPath()}.{name}"
+            yield finding("unknown-name", where, "an unknown input", expected)
 
 
 def finding_on_surface(material: Usd.Prim, shader: Usd.Prim | None, kind: str) -> Finding | None:
