@@ -7,6 +7,8 @@ examples:
       for a Z-up pipeline; the capture is in centimetres and its y points up
   usdsplat convert scan.ply scan.usdc --packed
       a third of the size, in the packed type, which only usdsplat can draw
+  usdsplat convert asset.usd asset_packed.usdc --packed
+      the same for the fields of a stage; variants and references stay, --flatten flattens them
   usdsplat convert shot.usd still.ply --frame 12 --prim /World/Tree
       the splats below a prim at frame 12, in world space, as a capture
   usdsplat convert shot.usd tree.spz --split
@@ -79,13 +81,20 @@ def run(options: Options, reporter: Reporter) -> int:
     edits = edits_of(options.edit)
     check(options, sources, target)
     stage, frames, captures = options.stage_output, options.sequence, options.capture
+    form: Form = "packed" if stage.packed else "half" if stage.half else "float"
     if reporter.findings.is_strict:
+        from usdsplat.core.progress import silent
+        from usdsplat.interchange.field_writing import FieldWriter
+        from usdsplat.interchange.repacking_in_place import fields_in_instances
         from usdsplat.schema.composition import composition_findings
 
+        writer = FieldWriter(form, edits, silent)
         for source in filter(is_usd, sources):
-            reporter.findings.extend(composition_findings(open_stage(source)))
+            opened = open_stage(source)
+            reporter.findings.extend(composition_findings(opened))
+            if is_usd(Path(target)) and not options.stage_input.flatten:
+                reporter.findings.extend(fields_in_instances(opened, writer))
         reporter.findings.check()
-    form: Form = "packed" if stage.packed else "half" if stage.half else "float"
     with ExitStack() as during:
         if any(edit.kind.compiles for edit in edits):
             from usdsplat.kernels.compiling import on_compile
@@ -116,6 +125,7 @@ def run(options: Options, reporter: Reporter) -> int:
                 rate=RATE if frames.rate is None else frames.rate,
                 interpolate=frames.interpolate,
             ),
+            flatten=options.stage_input.flatten,
             progress=during.enter_context(reporter.progress()),
         )
     if not isinstance(report, ImportReport):

@@ -322,6 +322,12 @@ CODES: dict[str, Code] = {
         "warning", "the stage has no metersPerUnit", "author metersPerUnit in the root layer"
     ),
     # --- other files ---
+    "not-converted": Code(
+        "error",
+        "a field cannot be converted within a file that refers to others",
+        "convert with --flatten, or convert the file that has the field",
+        "it keeps its form",
+    ),
     "assumed-space": Code(
         "note",
         "a reference picture does not name its colour space",

@@ -137,7 +137,7 @@ def settle(prim: Usd.Prim) -> None:
     stage, target = prim.GetStage(), prim.GetStage().GetEditTarget()
     layer = target.GetLayer()
     source, copy = target.MapToSpecPath(child.GetPath()), target.MapToSpecPath(path)
-    if Sdf.CopySpec(layer, source, layer, copy):
+    if layer.GetPrimAtPath(source) and Sdf.CopySpec(layer, source, layer, copy):
         stage.RemovePrim(child.GetPath())
         prim.GetRelationship(tokens.PROXY_PRIM).SetTargets([path])
         place(prim)
