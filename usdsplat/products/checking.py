@@ -25,6 +25,7 @@ from usdsplat.products.planning import plan_default, plan_product
 from usdsplat.products.preflight import findings_of, lens_findings
 from usdsplat.products.request import PicturePlan, RenderRequest
 from usdsplat.schema.composition import composition_findings
+from usdsplat.schema.proxy import points_of
 from usdsplat.schema.validation import sample_codes, splat_fields
 from usdsplat.sim.stage.collections import find_simulations
 from usdsplat.sim.stage.validating import validate_simulations
@@ -35,7 +36,7 @@ MOST_TIMES = 1000
 ANY_FILE = "picture.exr"
 """File of a picture that the stage does not name."""
 
-CHECKED = ("fields", "surfaces", "products", "simulations")
+CHECKED = ("fields", "points", "surfaces", "products", "simulations")
 """Of these, a stage should have at least one."""
 
 
@@ -77,7 +78,7 @@ def check_stage(
         progress.step("checking frames", len(times), len(times))
         looked_at = _looked_at(stage, engine, products=products, frames=len(times))
     if not any(looked_at[kind] for kind in CHECKED):
-        expected = "a splat field, a surface, a product or a simulation"
+        expected = "a splat field, points, a surface, a product or a simulation"
         findings.add(finding("nothing-checked", "/", "nothing to check", expected))
     return looked_at
 
@@ -162,6 +163,7 @@ def _looked_at(stage: Usd.Stage, engine: Engine, *, products: int, frames: int) 
         layers=len(stage.GetUsedLayers()),
         prims=len(prims),
         fields=len(fields),
+        points=len(points_of(prims)),
         samples=sum(len(sample_codes(prim)) for prim in fields),
         surfaces=len(engine.meshes()),
         materials=sum(prim.IsA(UsdShade.Material) for prim in prims),

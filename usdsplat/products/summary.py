@@ -17,6 +17,7 @@ from usdsplat.formats import Capture
 from usdsplat.interchange import provenance
 from usdsplat.interchange.axes_choice import choose_axes, with_axes
 from usdsplat.interchange.frame_guess import guess_frame
+from usdsplat.schema.proxy import points_of
 from usdsplat.schema.stage_values import up_axis
 from usdsplat.schema.validation import splat_fields
 
@@ -86,6 +87,7 @@ def of_stage(
         "splats": sum(entry.get("splats", 0) for entry in described),
         "splats_drawn": _drawn(stage, time),
         "cameras": [str(prim.GetPath()) for prim in prims if prim.IsA(UsdGeom.Camera)],
+        "points": [_of_points(prim, time) for prim in points_of(prims)],
         "products": [str(prim.GetPath()) for prim in prims if prim.IsA(UsdRender.Product)],
         "fields": described,
     }
@@ -124,6 +126,17 @@ def _of_field(prim: Usd.Prim, time: float | None) -> dict[str, Any]:
         "purpose": str(imageable.ComputePurpose()),
         "provenance": origin,
         "bake": _of_bake(bake) if bake else None,
+    }
+
+
+def _of_points(prim: Usd.Prim, time: float | None) -> dict[str, Any]:
+    """Describe points, which are drawn as splats."""
+    code = Usd.TimeCode.EarliestTime() if time is None else Usd.TimeCode(time)
+    found: Any = UsdGeom.Points(prim).GetPointsAttr().Get(code)
+    return {
+        "path": str(prim.GetPath()),
+        "points": len(found) if found is not None else 0,
+        "purpose": str(UsdGeom.Imageable(prim).ComputePurpose()),
     }
 
 

@@ -11,6 +11,8 @@ Files of 0.6 have the proxy below the field, as `proxy`.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 from pxr import Sdf, Usd, UsdGeom, Vt
 
@@ -23,6 +25,7 @@ from usdsplat.schema.vt import to_vt
 MAX_POINTS = 10_000
 
 _POINTS = "Points"
+_PROXY = UsdGeom.Tokens.proxy
 _Type = Sdf.ValueTypeNames
 
 
@@ -147,6 +150,12 @@ def child_of(prim: Usd.Prim) -> Usd.Prim | None:
     """Return the proxy that 0.6 wrote below a field, or None."""
     child = prim.GetChild(tokens.PROXY_CHILD)
     return child if _is_proxy(child) else None
+
+
+def points_of(prims: Iterable[Usd.Prim]) -> list[Usd.Prim]:
+    """Return the points among prims, without proxies."""
+    found = [prim for prim in prims if prim.IsA(UsdGeom.Points)]
+    return [each for each in found if UsdGeom.Imageable(each).ComputePurpose() != _PROXY]
 
 
 def _is_proxy(prim: Usd.Prim) -> bool:

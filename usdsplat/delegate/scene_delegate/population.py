@@ -20,6 +20,7 @@ from usdsplat.core.findings import Finding, finding
 from usdsplat.delegate.instancing import Link, Placement
 from usdsplat.delegate.scene_delegate.names import unknown_names
 from usdsplat.delegate.scene_delegate.notices import INHERITED
+from usdsplat.delegate.scene_delegate.points import is_points
 from usdsplat.delegate.scene_delegate.unsupported import why_not_drawn
 from usdsplat.delegate.scene_delegate.volumes import NO_CROP, Crop, find_crop, has_crop
 
@@ -106,6 +107,7 @@ class Population:
     """The prims of a stage that are used."""
 
     fields: dict[str, RprimEntry] = field(default_factory=dict)
+    """Splat fields, and points, which are drawn as splats."""
     meshes: dict[str, RprimEntry] = field(default_factory=dict)
     instancers: dict[str, Usd.Prim] = field(default_factory=dict)
     cameras: dict[str, Usd.Prim] = field(default_factory=dict)
@@ -181,7 +183,8 @@ class _Walk:
             if kind == "field":
                 carried = any(appearance.placement.links for appearance in seen)
                 seen.sort(key=lambda appearance: appearance.order)
-                crop = find_crop(seen[0].levels[-1].prim, carried=carried)
+                first = seen[0].levels[-1].prim
+                crop = NO_CROP if is_points(first) else find_crop(first, carried=carried)
                 _enlist(self._found.fields, seen, crop)
         volumes = self._found.crop_volumes
         for (kind, *_), seen in self._seen.items():
@@ -204,7 +207,7 @@ class _Walk:
         placement = Placement(path=str(prim.GetPath()), links=links)
         appearance = Appearance(placement=placement, levels=levels)
         inherited: tuple[object, ...] = (_inherited_space(prim), _cropped_alone(prim))
-        if kind == "mesh":
+        if kind == "mesh" or is_points(prim):
             inherited = self._inherited_looks(prim)
         key = (kind, source_of(prim).GetPath(), inherited)
         self._seen.setdefault(key, []).append(appearance)
@@ -269,7 +272,7 @@ def _enlist(entries: dict[str, RprimEntry], seen: list[Appearance], crop: Crop) 
 
 
 def _classify(prim: Usd.Prim) -> Kind:
-    if schema.is_splat_field(prim):
+    if schema.is_splat_field(prim) or is_points(prim):
         return "field"
     if any(prim.IsA(shape) for shape in SHAPES):
         return "mesh"

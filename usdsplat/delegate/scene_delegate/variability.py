@@ -9,6 +9,7 @@ from pxr import Usd, UsdGeom
 from usdsplat import schema
 from usdsplat.delegate.dirty_bits import DirtyBits
 from usdsplat.delegate.scene_delegate.dependencies import inherited_by_mesh, mesh_bits
+from usdsplat.delegate.scene_delegate.points import are_points_varying, is_points
 from usdsplat.delegate.scene_delegate.population import Level, Population, RprimEntry
 from usdsplat.delegate.scene_delegate.readings import Readings
 from usdsplat.delegate.scene_delegate.volumes import SIZES, Crop
@@ -31,7 +32,10 @@ def varying_bits(population: Population, readings: Readings, path: str) -> Dirty
     if path in population.meshes:
         return _mesh_varies(population.meshes[path], readings, path)
     entry = population.fields[path]
-    varies = schema.is_time_varying(entry.source) or schema.is_grade_varying(entry.source)
+    if is_points(entry.source):
+        varies = are_points_varying(entry.prim)
+    else:
+        varies = schema.is_time_varying(entry.source) or schema.is_grade_varying(entry.source)
     data = DirtyBits.PRIMVAR if varies else DirtyBits.CLEAN
     levels = (level for appearance in entry.appearances for level in appearance.levels)
     crop = DirtyBits.CATEGORIES if _crop_varies(entry.crop) else DirtyBits.CLEAN
