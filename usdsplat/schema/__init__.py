@@ -22,7 +22,12 @@ from usdsplat.schema.field import (  # noqa: E402
     is_time_varying,
     sample_times,
 )
-from usdsplat.schema.grading import author_grade, grade, is_grade_varying  # noqa: E402
+from usdsplat.schema.grading import (  # noqa: E402
+    author_grade,
+    grade,
+    has_grade,
+    is_grade_varying,
+)
 from usdsplat.schema.hints import (  # noqa: E402
     DrawingHints,
     color_space,
@@ -56,6 +61,7 @@ __all__ = [
     "form_of",
     "grade",
     "harmonics_width",
+    "has_grade",
     "is_grade_varying",
     "is_known_color_space",
     "is_packed",

@@ -81,6 +81,7 @@ class Dependencies:
         self._read: dict[Sdf.Path, set[str]] = defaultdict(set)
         self._cropped: dict[Sdf.Path, set[str]] = defaultdict(set)
         self._meshes = population.meshes.keys()
+        self._fields = population.fields.keys()
         self._points = {path for path, each in population.fields.items() if is_points(each.prim)}
         for path, entry in population.rprims():
             for appearance in entry.appearances:
@@ -110,6 +111,8 @@ class Dependencies:
                 yield from _each(self._cropped.get(prim), DirtyBits.CATEGORIES)
             if bits := _inherited_bits(name):
                 yield from _each(self._placed.get(prim), bits)
+            elif name in schema.GRADE_ATTRIBUTES:
+                yield from _each(self._fields & self._beneath.get(prim, set()), DirtyBits.PRIMVAR)
             elif bits := inherited_by_mesh(name):
                 beneath = self._beneath.get(prim, set())
                 yield from _each(self._meshes & beneath, bits)

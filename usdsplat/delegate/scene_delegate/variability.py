@@ -35,7 +35,7 @@ def varying_bits(population: Population, readings: Readings, path: str) -> Dirty
     if is_points(entry.source):
         varies = are_points_varying(entry.prim)
     else:
-        varies = schema.is_time_varying(entry.source) or schema.is_grade_varying(entry.source)
+        varies = schema.is_time_varying(entry.source) or schema.is_grade_varying(entry.prim)
     data = DirtyBits.PRIMVAR if varies else DirtyBits.CLEAN
     levels = (level for appearance in entry.appearances for level in appearance.levels)
     crop = DirtyBits.CATEGORIES if _crop_varies(entry.crop) else DirtyBits.CLEAN
