@@ -310,3 +310,29 @@ def test_too_many_variants_are_refused(tmp_path: Path) -> None:
     with pytest.raises(StageError, match="--flatten"):
         repack(stage, tmp_path / "b.usda", form="packed")
     assert repack(stage, tmp_path / "b.usda", form="packed", flatten=True).samples == 1
+
+
+def test_a_stage_with_an_op_that_usd_does_not_know_is_converted(tmp_path: Path) -> None:
+    """Oracle: the arrays; the op stays as authored, and bounds that cannot be computed too."""
+    import_capture(capture(tmp_path), tmp_path / "tree.usda")
+    stage = Usd.Stage.Open(str(tmp_path / "tree.usda"))
+    field = stage.GetPrimAtPath("/tree/splats")
+    UsdGeom.Xformable(field).GetXformOpOrderAttr().Set(["xformOp:wrong"])
+    stage.Save()
+    repack(stage, tmp_path / "packed.usda", form="packed")
+    found = opened(tmp_path / "packed.usda").GetPrimAtPath("/tree/splats")
+    assert schema.is_packed(found)
+    assert list(found.GetAttribute("xformOpOrder").Get()) == ["xformOp:wrong"]
+    before = schema.fetch(field).positions
+    np.testing.assert_array_equal(schema.fetch(found).positions, before)
+
+
+@pytest.mark.wrong_stages  # USD's validators raise errors for such a name
+def test_names_of_any_text_can_be_identifiers(tmp_path: Path) -> None:
+    """Oracle: an asset path has no line break; the files can be read."""
+    import_capture(capture(tmp_path), tmp_path / "a\nb.usdc")
+    repack(tmp_path / "a\nb.usdc", tmp_path / "c\nd.usdc", form="packed")
+    for name in ("a\nb.usdc", "c\nd.usdc"):
+        stage = opened(tmp_path / name)
+        identifier = stage.GetDefaultPrim().GetAssetInfo()["identifier"].path
+        assert identifier.isprintable()

@@ -146,8 +146,6 @@ def _is_known(text: str, findings: Findings) -> bool:
     finding."""
     if " was muted " in text:
         return True
-    if " was muted " in text:
-        return True
     assets = [part for part in text.split("@")[1::2] if part]
     known = [each for each in findings if each.code in ("missing-asset", "missing-prim")]
     known += [each for each in findings if each.code == "composition"]

@@ -56,6 +56,11 @@ CODES: dict[str, Code] = {
         "rotate the prim that refers to it, or convert the asset",
         "the asset is not turned",
     ),
+    "ignored-opinion": Code(
+        "warning",
+        "an opinion below an instanceable prim has no effect",
+        "author it in the instanced asset, or set instanceable to false on the prim",
+    ),
     # --- drawing ---
     "not-drawn": Code(
         "error",
@@ -187,6 +192,11 @@ CODES: dict[str, Code] = {
         "warning",
         "a stage has nothing to check",
         "check the path of the file, its payloads and its population mask",
+    ),
+    "not-checked": Code(
+        "note",
+        "a stage has more times with samples than are checked",
+        "check single frames with --frame",
     ),
     "unreadable": Code(
         "error",

@@ -9,6 +9,8 @@ from typing import Any
 
 from pxr import Sdf, UsdUtils
 
+from usdsplat.core.text import shown
+
 _CLIPS = "clips"
 _TEMPLATE = "templateAssetPath"
 """Pattern of the files of value clips: a string, which USD does not treat as an asset path."""
@@ -56,7 +58,7 @@ def make_relative(layer: Sdf.Layer, absolute: set[str], *, source: str, target: 
         if path not in absolute:
             return path
         if path == source:
-            return f"./{target.name}"
+            return f"./{shown(target.name)}"
         if target.suffix.lower() == ".usdz":
             return path
         found = os.path.relpath(path, folder)

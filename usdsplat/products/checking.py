@@ -20,7 +20,7 @@ from usdsplat.core.progress import Progress, silent
 from usdsplat.delegate.engine import PURPOSES, Engine
 from usdsplat.delegate.product import ProductSpec
 from usdsplat.delegate.scene_delegate import read_products
-from usdsplat.products.frames import first_frame
+from usdsplat.products.frames import first_frame, frames_to_draw
 from usdsplat.products.planning import plan_default, plan_product
 from usdsplat.products.preflight import findings_of, lens_findings
 from usdsplat.products.request import PicturePlan, RenderRequest
@@ -61,9 +61,11 @@ def check_stage(
     findings.extend(composition_findings(stage))
     findings.extend(schema.validate(stage, time=time, progress=progress))
     findings.extend(validate_simulations(stage, time=time))
-    times = [time] if time is not None else _times(stage)
+    times = [time] if time is not None else _times(stage, findings)
     with Engine(stage, device="cpu", time=times[0]) as engine:
         plans, products = _plans(engine, stage, findings)
+        if products:
+            _check_names(stage, plans, findings)
         purposes = {purpose for plan in plans for purpose in plan.purposes}
         for done, each in enumerate(times):
             progress.step("checking frames", done, len(times))
@@ -143,15 +145,34 @@ def _plan(engine: Engine, spec: ProductSpec, findings: Findings) -> PicturePlan:
     return plan
 
 
-def _times(stage: Usd.Stage) -> list[float]:
-    """Return the first and last frame, and every time at which something has a sample."""
+def _check_names(stage: Usd.Stage, plans: list[PicturePlan], findings: Findings) -> None:
+    """Add a finding for each product of which two frames would have the same file."""
+    for plan in plans:
+        try:
+            plan.output.paths(frames_to_draw(stage, None, plans))
+        except UsdSplatError as error:
+            findings.add(from_error("bad-product", error))
+
+
+def _times(stage: Usd.Stage, findings: Findings) -> list[float]:
+    """Return the first and last frame, and every time at which something has a sample; of too many,
+    the earliest and the last frame."""
     first = first_frame(stage, None)
-    times = {stage.GetEndTimeCode()} if stage.HasAuthoredTimeCodeRange() else set()
+    last = {stage.GetEndTimeCode()} if stage.HasAuthoredTimeCodeRange() else set()
+    times = set(last)
     for prim in Usd.PrimRange.Stage(stage, Usd.TraverseInstanceProxies()):
         for attribute in prim.GetAuthoredAttributes():
             if attribute.ValueMightBeTimeVarying():
                 times.update(attribute.GetTimeSamples())
-    return [first, *sorted(times - {first})[: MOST_TIMES - 1]]
+    later = sorted(times - {first})
+    if len(later) >= MOST_TIMES:
+        found, expected = f"{len(later) + 1} times with samples", f"at most {MOST_TIMES}"
+        findings.add(
+            finding("not-checked", "/", f"{found}; the later ones are not checked", expected)
+        )
+        final = [max(last or times)]
+        later = [*later[: MOST_TIMES - 2], *final]
+    return [first, *later]
 
 
 def _looked_at(stage: Usd.Stage, engine: Engine, *, products: int, frames: int) -> Counter[str]:

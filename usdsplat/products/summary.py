@@ -80,7 +80,7 @@ def of_stage(
     prims = list(stage.Traverse(Usd.TraverseInstanceProxies()))
     return {
         "up_axis": up_axis(stage),
-        "frame": UP_AXIS_FRAME[up_axis(stage)],
+        "axes": UP_AXIS_FRAME[up_axis(stage)],
         "meters_per_unit": UsdGeom.GetStageMetersPerUnit(stage),
         "frames": frames if stage.HasAuthoredTimeCodeRange() else None,
         "frames_per_second": stage.GetTimeCodesPerSecond(),
@@ -115,7 +115,7 @@ def _of_field(prim: Usd.Prim, time: float | None) -> dict[str, Any]:
     return {
         **identity,
         "form": schema.form_of(prim),
-        **of_cloud(cloud),
+        **_in_its_space(of_cloud(cloud)),
         "bytes_per_splat": size / max(1, len(cloud)),
         "samples": len(numeric),
         "sampled": [numeric[0], numeric[-1]] if numeric else None,
@@ -127,6 +127,12 @@ def _of_field(prim: Usd.Prim, time: float | None) -> dict[str, Any]:
         "provenance": origin,
         "bake": _of_bake(bake) if bake else None,
     }
+
+
+def _in_its_space(described: dict[str, Any]) -> dict[str, Any]:
+    """Return the description of a cloud with names that say that bounds are the field's own."""
+    named = {"bounds": "local_bounds", "bounds_robust": "local_bounds_robust"}
+    return {named.get(key, key): value for key, value in described.items()}
 
 
 def _of_points(prim: Usd.Prim, time: float | None) -> dict[str, Any]:

@@ -20,6 +20,7 @@ from usdsplat.core.cloud import SplatCloud
 from usdsplat.core.sh import dc_to_rgb
 from usdsplat.schema import tokens
 from usdsplat.schema.attributes import set_array, set_uniform
+from usdsplat.schema.stage_values import op_names
 from usdsplat.schema.vt import to_vt
 
 MAX_POINTS = 10_000
@@ -101,7 +102,8 @@ def place(field: Usd.Prim, points: Usd.Prim | None = None) -> None:
     if not points:
         return
     xformable = UsdGeom.Xformable(field)
-    copied = {op.GetAttr().GetName(): op.GetAttr() for op in xformable.GetOrderedXformOps()}
+    names = (name.removeprefix("!invert!") for name in op_names(field))
+    copied = {name: field.GetAttribute(name) for name in names if name and field.HasAttribute(name)}
     for attribute in (xformable.GetXformOpOrderAttr(), xformable.GetVisibilityAttr()):
         if attribute.HasAuthoredValue():
             copied[attribute.GetName()] = attribute

@@ -13,6 +13,7 @@ from usdsplat.delegate.scene_delegate.points import are_points_varying, is_point
 from usdsplat.delegate.scene_delegate.population import Level, Population, RprimEntry
 from usdsplat.delegate.scene_delegate.readings import Readings
 from usdsplat.delegate.scene_delegate.volumes import SIZES, Crop
+from usdsplat.schema.stage_values import may_move
 
 
 def varying_bits(population: Population, readings: Readings, path: str) -> DirtyBits:
@@ -71,7 +72,7 @@ def _mesh_varies(entry: RprimEntry, readings: Readings, path: str) -> DirtyBits:
     for sources in readings.sources(path):
         if sources.bits & ~bits and any(map(_varies, map(stage.GetPrimAtPath, sources.read))):
             bits |= sources.bits
-        if any(map(_moves, map(stage.GetPrimAtPath, sources.placed))):
+        if any(map(may_move, map(stage.GetPrimAtPath, sources.placed))):
             bits |= DirtyBits.TRANSFORM
     return bits
 
@@ -82,16 +83,11 @@ def _varies(prim: Usd.Prim) -> bool:
     )
 
 
-def _moves(prim: Usd.Prim) -> bool:
-    xformable = UsdGeom.Xformable(prim)
-    return bool(xformable) and xformable.TransformMightBeTimeVarying()
-
-
 def _placing_varies(levels: Iterable[Level]) -> DirtyBits:
     """Return whether transforms or visibility of the levels may vary."""
     bits = DirtyBits.CLEAN
     for prim in {prim for level in levels for prim in level.lineage()}:
-        if _moves(prim):
+        if may_move(prim):
             bits |= DirtyBits.TRANSFORM
         imageable = UsdGeom.Imageable(prim)
         if imageable and imageable.GetVisibilityAttr().ValueMightBeTimeVarying():

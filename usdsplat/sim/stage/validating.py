@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from pxr import Sdf, Usd
+from pxr import Sdf, Tf, Usd
 
 from usdsplat.core.errors import UsdSplatError
 from usdsplat.core.findings import Finding, finding, from_error
@@ -18,7 +18,7 @@ from usdsplat.sim.stage.provenance import read_record
 from usdsplat.sim.stage.recipe import recipes
 
 _MOST = 1000
-"""Largest number of times at which values are checked."""
+"""Largest number of times at which values are checked: the first ones, and the last."""
 
 
 def validate_simulations(stage: Usd.Stage, *, time: float | None = None) -> list[Finding]:
@@ -52,10 +52,18 @@ def _bakes(stage: Usd.Stage) -> Iterator[Finding]:
         if read_record(layer) is None:
             continue
         for path in layer.subLayerPaths:
-            if not Sdf.Layer.FindOrOpenRelativeToLayer(layer, path):
+            if not _is_layer(layer, path):
                 found = f"a bake without its layer {path}"
                 expected = f"the file beside {layer.GetDisplayName()}"
                 yield finding("no-results", "/", found, expected)
+
+
+def _is_layer(layer: Sdf.Layer, path: str) -> bool:
+    """Return whether USD can read a sublayer."""
+    try:
+        return bool(Sdf.Layer.FindOrOpenRelativeToLayer(layer, path))
+    except Tf.ErrorException:
+        return False
 
 
 def _times(stage: Usd.Stage, prims: list[Usd.Prim]) -> list[float]:
@@ -65,4 +73,5 @@ def _times(stage: Usd.Stage, prims: list[Usd.Prim]) -> list[float]:
         for attribute in prim.GetAuthoredAttributes():
             if attribute.GetName().startswith(f"{NAMESPACE}:"):
                 times.update(attribute.GetTimeSamples())
-    return sorted(times)[:_MOST]
+    found = sorted(times)
+    return found if len(found) <= _MOST else [*found[: _MOST - 1], found[-1]]
