@@ -6,8 +6,10 @@ import json
 
 import pytest
 
-from tests.products.mutated_stages import MUTATIONS, mutated
-from usdsplat.core.findings import finding
+from tests.products.mutated_stages import MUTATIONS, base, mutated
+from usdsplat.core.findings import Findings, finding
+from usdsplat.products import checking
+from usdsplat.products.checking import check_stage
 
 pytestmark = pytest.mark.usefixtures("compiled")
 
@@ -48,3 +50,44 @@ def test_whatever_render_says_validate_says(run, tmp_path, seed):
 def test_every_mistake_is_made():
     """Oracle: the seeds of the contract go through the table several times."""
     assert len(MUTATIONS) * 3 < COUNT
+
+
+def checked(stage, **options):
+    """The findings on a stage, by code."""
+    findings = Findings()
+    check_stage(stage, findings, **options)
+    return {each.code: each for each in findings}
+
+
+def test_two_frames_with_one_name_are_found(tmp_path):
+    """Oracle: a productName whose two samples are equal in two of three frames."""
+    stage = base(tmp_path / "shot.usda")
+    assert "bad-product" not in checked(stage)
+    stage.SetEndTimeCode(3)
+    name = stage.GetPrimAtPath("/Render/Product").GetAttribute("productName")
+    for time, value in ((1, "a.exr"), (2, "b.exr"), (3, "a.exr")):
+        name.Set(value, time)
+    assert checked(stage)["bad-product"].found
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_too_many_times_are_said_and_the_last_is_checked(tmp_path, monkeypatch):
+    """Oracle: a camera that is damaged in the last of six frames; four are checked."""
+    monkeypatch.setattr(checking, "MOST_TIMES", 4)
+    stage = base(tmp_path / "shot.usda")
+    stage.SetEndTimeCode(6)
+    focal = stage.GetPrimAtPath("/W/Cam").GetAttribute("focalLength")
+    for time in range(1, 7):
+        focal.Set(-1.0 if time == 6 else 50.0 + time, time)
+    found = checked(stage)
+    assert found["not-checked"].severity == "note"
+    assert "6 times" in found["not-checked"].found
+    assert found["bad-camera"].time == 6
+
+
+def test_a_range_without_end_is_a_finding(tmp_path):
+    """Oracle: the code; the names of infinitely many frames cannot be checked."""
+    stage = base(tmp_path / "shot.usda")
+    stage.GetPrimAtPath("/Render/Product").GetAttribute("productName").Set("a.####.exr")
+    stage.SetEndTimeCode(1e30)
+    assert "1e+30" in checked(stage)["bad-product"].found

@@ -56,6 +56,11 @@ CODES: dict[str, Code] = {
         "rotate the prim that refers to it, or convert the asset",
         "the asset is not turned",
     ),
+    "ignored-opinion": Code(
+        "warning",
+        "an opinion below an instanceable prim has no effect",
+        "author it in the instanced asset, or set instanceable to false on the prim",
+    ),
     # --- drawing ---
     "not-drawn": Code(
         "error",
@@ -200,6 +205,11 @@ CODES: dict[str, Code] = {
         "warning",
         "a stage has nothing to check",
         "check the path of the file, its payloads and its population mask",
+    ),
+    "not-checked": Code(
+        "note",
+        "a stage has more times with samples than are checked",
+        "check single frames with --frame",
     ),
     "unreadable": Code(
         "error",
@@ -347,6 +357,12 @@ CODES: dict[str, Code] = {
         "warning", "the stage has no metersPerUnit", "author metersPerUnit in the root layer"
     ),
     # --- other files ---
+    "not-converted": Code(
+        "error",
+        "a field cannot be converted within a file that refers to others",
+        "convert with --flatten, or convert the file that has the field",
+        "it keeps its form",
+    ),
     "assumed-space": Code(
         "note",
         "a reference picture does not name its colour space",

@@ -23,6 +23,7 @@ from usdsplat.formats.cameras.posed import carried
 from usdsplat.interchange.placement import OP, identifier, placement
 from usdsplat.interchange.provenance import KEY
 from usdsplat.schema import attributes, stock, tokens
+from usdsplat.schema.stage_values import local_transform
 
 SCOPE = "cameras"
 """Name of the scope of cameras, beside the field."""
@@ -111,8 +112,7 @@ def _to_parent(
     field: Usd.Prim, frame: str, meters_per_unit: float | None, edited: F64 | None
 ) -> F64:
     """Return the matrix from the capture's coordinates to the field's parent space."""
-    xformable = UsdGeom.Xformable(field)
-    matrix: F64 = np.array(xformable.GetLocalTransformation(Usd.TimeCode.Default())).T
+    matrix: F64 = np.array(local_transform(field, Usd.TimeCode.Default())).T
     if not field.HasAttribute(OP):  # axes were baked, or needed no change
         turn = placement(field.GetStage(), frame, meters_per_unit).matrix
         _check(turn, UsageError("frame", f"{frame!r}, which is left-handed", "a right-handed one"))
@@ -202,7 +202,7 @@ def _centres(field: Usd.Prim) -> F64:
     corners = np.array(np.meshgrid(*box.T)).reshape(3, 8).T if box.shape == (2, 3) else ()
     points = np.concatenate([centres, np.reshape(corners, (-1, 3))]).astype(np.float64)
     points = points[np.isfinite(points).all(axis=1)]
-    local = UsdGeom.Xformable(field).GetLocalTransformation(Usd.TimeCode.Default())
+    local = local_transform(field, Usd.TimeCode.Default())
     return np.column_stack([points, np.ones(len(points))]) @ np.array(local)
 
 

@@ -20,11 +20,12 @@ from usdsplat.core.progress import Progress, silent
 from usdsplat.delegate.engine import PURPOSES, Engine
 from usdsplat.delegate.product import ProductSpec
 from usdsplat.delegate.scene_delegate import read_products
-from usdsplat.products.frames import first_frame
+from usdsplat.products.frames import first_frame, frames_to_draw
 from usdsplat.products.planning import plan_default, plan_product
 from usdsplat.products.preflight import findings_of, lens_findings
 from usdsplat.products.request import PicturePlan, RenderRequest
 from usdsplat.schema.composition import composition_findings
+from usdsplat.schema.proxy import points_of
 from usdsplat.schema.validation import sample_codes, splat_fields
 from usdsplat.sim.stage.collections import find_simulations
 from usdsplat.sim.stage.validating import validate_simulations
@@ -35,7 +36,7 @@ MOST_TIMES = 1000
 ANY_FILE = "picture.exr"
 """File of a picture that the stage does not name."""
 
-CHECKED = ("fields", "surfaces", "products", "simulations")
+CHECKED = ("fields", "points", "surfaces", "products", "simulations")
 """Of these, a stage should have at least one."""
 
 
@@ -60,9 +61,11 @@ def check_stage(
     findings.extend(composition_findings(stage))
     findings.extend(schema.validate(stage, time=time, progress=progress))
     findings.extend(validate_simulations(stage, time=time))
-    times = [time] if time is not None else _times(stage)
+    times = [time] if time is not None else _times(stage, findings)
     with Engine(stage, device="cpu", time=times[0]) as engine:
         plans, products = _plans(engine, stage, findings)
+        if products:
+            _check_names(stage, plans, findings)
         purposes = {purpose for plan in plans for purpose in plan.purposes}
         for done, each in enumerate(times):
             progress.step("checking frames", done, len(times))
@@ -77,7 +80,7 @@ def check_stage(
         progress.step("checking frames", len(times), len(times))
         looked_at = _looked_at(stage, engine, products=products, frames=len(times))
     if not any(looked_at[kind] for kind in CHECKED):
-        expected = "a splat field, a surface, a product or a simulation"
+        expected = "a splat field, points, a surface, a product or a simulation"
         findings.add(finding("nothing-checked", "/", "nothing to check", expected))
     return looked_at
 
@@ -142,15 +145,34 @@ def _plan(engine: Engine, spec: ProductSpec, findings: Findings) -> PicturePlan:
     return plan
 
 
-def _times(stage: Usd.Stage) -> list[float]:
-    """Return the first and last frame, and every time at which something has a sample."""
+def _check_names(stage: Usd.Stage, plans: list[PicturePlan], findings: Findings) -> None:
+    """Add a finding for each product of which two frames would have the same file."""
+    for plan in plans:
+        try:
+            plan.output.paths(frames_to_draw(stage, None, plans))
+        except UsdSplatError as error:
+            findings.add(from_error("bad-product", error))
+
+
+def _times(stage: Usd.Stage, findings: Findings) -> list[float]:
+    """Return the first and last frame, and every time at which something has a sample; of too many,
+    the earliest and the last frame."""
     first = first_frame(stage, None)
-    times = {stage.GetEndTimeCode()} if stage.HasAuthoredTimeCodeRange() else set()
+    last = {stage.GetEndTimeCode()} if stage.HasAuthoredTimeCodeRange() else set()
+    times = set(last)
     for prim in Usd.PrimRange.Stage(stage, Usd.TraverseInstanceProxies()):
         for attribute in prim.GetAuthoredAttributes():
             if attribute.ValueMightBeTimeVarying():
                 times.update(attribute.GetTimeSamples())
-    return [first, *sorted(times - {first})[: MOST_TIMES - 1]]
+    later = sorted(times - {first})
+    if len(later) >= MOST_TIMES:
+        found, expected = f"{len(later) + 1} times with samples", f"at most {MOST_TIMES}"
+        findings.add(
+            finding("not-checked", "/", f"{found}; the later ones are not checked", expected)
+        )
+        final = [max(last or times)]
+        later = [*later[: MOST_TIMES - 2], *final]
+    return [first, *later]
 
 
 def _looked_at(stage: Usd.Stage, engine: Engine, *, products: int, frames: int) -> Counter[str]:
@@ -162,6 +184,7 @@ def _looked_at(stage: Usd.Stage, engine: Engine, *, products: int, frames: int) 
         layers=len(stage.GetUsedLayers()),
         prims=len(prims),
         fields=len(fields),
+        points=len(points_of(prims)),
         samples=sum(len(sample_codes(prim)) for prim in fields),
         surfaces=len(engine.meshes()),
         materials=sum(prim.IsA(UsdShade.Material) for prim in prims),

@@ -15,6 +15,8 @@ from pxr import Sdf, Tf, Usd
 from usdsplat.delegate.scene_delegate.names import DRAWING, KNOWN
 
 COLOR_SPACE = "colorSpace"
+GRADE = "splat:grade:"
+"""Prefix of properties that fields inherit from their ancestors."""
 INHERITED = ("material:binding", "primvars:", "skel:")
 """Prefixes of properties that meshes inherit from their ancestors."""
 
@@ -87,7 +89,10 @@ class NoticeListener:
         self._changes.inherited |= new and path.name.startswith(INHERITED)
         regrouped = path.name == "prototypes" or path.name.startswith("collection:")
         misspelt = new and path.name.startswith(DRAWING) and path.name not in KNOWN
-        self._changes.structural |= regrouped or is_color_space(path.name) or colored or misspelt
+        graded = new and path.name.startswith(GRADE)  # it may be a field's, or have no effect
+        self._changes.structural |= (
+            graded or regrouped or is_color_space(path.name) or colored or misspelt
+        )
 
 
 def is_color_space(name: str) -> bool:

@@ -16,7 +16,7 @@ def check_transforms(stage: Usd.Stage) -> list[Finding]:
         finding(
             "bad-transform", f"{prim.GetPath()}.xformOpOrder", repr(op), EXPECTED_OPS, cure=_CURE
         )
-        for prim in stage.Traverse()
+        for prim in Usd.PrimRange.Stage(stage, Usd.TraverseInstanceProxies())
         if prim.IsA(UsdGeom.Xformable)
         for op in unknown_ops(prim)
     ]
