@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 
 import pytest
+from pxr import UsdRender
 
 from tests.products.mutated_stages import MUTATIONS, base, mutated
 from usdsplat.core.findings import Findings, finding
@@ -91,3 +92,21 @@ def test_a_range_without_end_is_a_finding(tmp_path):
     stage.GetPrimAtPath("/Render/Product").GetAttribute("productName").Set("a.####.exr")
     stage.SetEndTimeCode(1e30)
     assert "1e+30" in checked(stage)["bad-product"].found
+
+
+def test_two_products_with_one_file_are_found(run, tmp_path, monkeypatch):
+    """Oracle: the sentence with which `render` stops."""
+    path = tmp_path / "shot.usda"
+    stage = base(path)
+    other = UsdRender.Product.Define(stage, "/Render/Other")
+    other.CreateProductNameAttr("picture.exr")
+    settings = UsdRender.Settings(stage.GetPrimAtPath("/Render/Settings"))
+    settings.GetProductsRel().AddTarget(other.GetPath())
+    stage.GetRootLayer().Save()
+    monkeypatch.chdir(tmp_path)
+    status, _, err = run("render", path, "--device", "cpu")
+    assert status == 2
+    status, out, _ = run("validate", path, "--json")
+    assert status == 1
+    (found,) = (each["found"] for each in json.loads(out)["findings"])
+    assert found in err

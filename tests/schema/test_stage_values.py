@@ -11,6 +11,7 @@ from usdsplat.core.errors import StageError
 from usdsplat.schema.stage_values import (
     are_finite,
     extents_hint,
+    in_world,
     local_to_ancestor,
     local_to_world,
     local_transform,
@@ -142,3 +143,23 @@ def test_an_order_of_another_type_has_no_ops() -> None:
     assert op_names(prim) == []
     assert list(unknown_ops(prim)) == []
     assert not may_move(prim)
+
+
+def test_equal_instances_are_seen_once() -> None:
+    """Oracle: written out by hand; what is below the first of two instances, also of nested ones,
+    and each prim that is an instance."""
+    stage = Usd.Stage.CreateInMemory()
+    UsdGeom.Sphere.Define(stage, "/Ball/Sphere")
+    stage.DefinePrim("/Pair")
+    for name in ("Left", "Right"):
+        ball = stage.DefinePrim(f"/Pair/{name}")
+        ball.GetReferences().AddInternalReference("/Ball")
+        ball.SetInstanceable(True)
+        pair = stage.DefinePrim(f"/{name}")
+        pair.GetReferences().AddInternalReference("/Pair")
+        pair.SetInstanceable(True)
+    stage.OverridePrim("/Ball").SetActive(True)
+    found = [str(prim.GetPath()) for prim in in_world(stage)]
+    below = [path for path in found if path.endswith("Sphere")]
+    assert below == ["/Ball/Sphere", "/Pair/Left/Sphere"]
+    assert {"/Pair/Right", "/Left", "/Right", "/Left/Right"} <= set(found)

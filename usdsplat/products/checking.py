@@ -11,6 +11,7 @@ from collections import Counter
 from collections.abc import Iterator
 from dataclasses import replace
 
+import numpy as np
 from pxr import Usd, UsdRender, UsdShade
 
 from usdsplat import schema
@@ -20,6 +21,7 @@ from usdsplat.core.progress import Progress, silent
 from usdsplat.delegate.engine import PURPOSES, Engine
 from usdsplat.delegate.product import ProductSpec
 from usdsplat.delegate.scene_delegate import read_products
+from usdsplat.products.drawing import files_of
 from usdsplat.products.frames import first_frame, frames_to_draw
 from usdsplat.products.planning import plan_default, plan_product
 from usdsplat.products.preflight import findings_of, lens_findings
@@ -64,8 +66,6 @@ def check_stage(
     times = [time] if time is not None else _times(stage, findings)
     with Engine(stage, device="cpu", time=times[0]) as engine:
         plans, products = _plans(engine, stage, findings)
-        if products:
-            _check_names(stage, plans, findings)
         purposes = {purpose for plan in plans for purpose in plan.purposes}
         for done, each in enumerate(times):
             progress.step("checking frames", done, len(times))
@@ -96,9 +96,11 @@ def opening_findings(stage: Usd.Stage, time: float | None) -> Iterator[Finding]:
 def _plans(engine: Engine, stage: Usd.Stage, findings: Findings) -> tuple[list[PicturePlan], int]:
     """Return a plan of each product, or of the picture of a stage without products, and the number
     of products."""
-    plans, seen = [], set()
+    plans: list[PicturePlan] = []
+    seen = set()
     for prim in stage.Traverse():
         if prim.IsA(UsdRender.Settings) or prim.IsA(UsdRender.Pass):
+            named: list[PicturePlan] = []
             for spec in _products(engine, stage, str(prim.GetPath()), findings):
                 seen.add(spec.path)
                 findings.extend(spec.findings)
@@ -106,6 +108,12 @@ def _plans(engine: Engine, stage: Usd.Stage, findings: Findings) -> tuple[list[P
                     plans.append(_plan(engine, spec, findings))
                 except UsdSplatError as error:
                     findings.add(from_error("bad-product", error))
+                else:
+                    named += plans[-1:] if spec.names else []
+            try:
+                files_of(named, frames_to_draw(stage, None, named))
+            except UsdSplatError as error:
+                findings.add(from_error("bad-product", error))
     if not seen:
         plans.append(plan_default(engine, RenderRequest(output=ANY_FILE)))
     return list(dict.fromkeys(plans)), len(seen)
@@ -145,34 +153,22 @@ def _plan(engine: Engine, spec: ProductSpec, findings: Findings) -> PicturePlan:
     return plan
 
 
-def _check_names(stage: Usd.Stage, plans: list[PicturePlan], findings: Findings) -> None:
-    """Add a finding for each product of which two frames would have the same file."""
-    for plan in plans:
-        try:
-            plan.output.paths(frames_to_draw(stage, None, plans))
-        except UsdSplatError as error:
-            findings.add(from_error("bad-product", error))
-
-
 def _times(stage: Usd.Stage, findings: Findings) -> list[float]:
-    """Return the first and last frame, and every time at which something has a sample; of too many,
-    the earliest and the last frame."""
+    """Return the first and last frame, and every time at which something has a sample; of too many
+    some, evenly spaced, with the first and the last."""
     first = first_frame(stage, None)
-    last = {stage.GetEndTimeCode()} if stage.HasAuthoredTimeCodeRange() else set()
-    times = set(last)
+    times = {stage.GetEndTimeCode()} if stage.HasAuthoredTimeCodeRange() else set()
     for prim in Usd.PrimRange.Stage(stage, Usd.TraverseInstanceProxies()):
         for attribute in prim.GetAuthoredAttributes():
             if attribute.ValueMightBeTimeVarying():
                 times.update(attribute.GetTimeSamples())
-    later = sorted(times - {first})
-    if len(later) >= MOST_TIMES:
-        found, expected = f"{len(later) + 1} times with samples", f"at most {MOST_TIMES}"
-        findings.add(
-            finding("not-checked", "/", f"{found}; the later ones are not checked", expected)
-        )
-        final = [max(last or times)]
-        later = [*later[: MOST_TIMES - 2], *final]
-    return [first, *later]
+    found = [first, *sorted(times - {first})]
+    if len(found) <= MOST_TIMES:
+        return found
+    expected = f"at most {MOST_TIMES}, so that as many are checked, evenly spaced"
+    findings.add(finding("not-checked", "/", f"{len(found)} times with samples", expected))
+    rows = np.linspace(0, len(found) - 1, MOST_TIMES).round().astype(int)
+    return [found[row] for row in rows]
 
 
 def _looked_at(stage: Usd.Stage, engine: Engine, *, products: int, frames: int) -> Counter[str]:

@@ -120,7 +120,7 @@ def picture_header(engine: Engine, plan: PicturePlan, view: View, *, origin: Ori
             shutter=view.camera.shutter,
             offset=start_offset(plan.settings, info),
         ),
-        **origin_metadata(source_hash(info.files)),
+        **origin_metadata(source_hash(info.files, info.clips)),
         **picture_metadata(
             stage=origin.stage,
             frame=origin.frame,

@@ -59,8 +59,8 @@ def _clips(stage: Usd.Stage) -> Iterator[Finding]:
 def _ignored(stage: Usd.Stage) -> Iterator[Finding]:
     """Yield a finding for each instance below which the stage's own layers have opinions."""
     layers = stage.GetLayerStack()
-    for prim in Usd.PrimRange.Stage(stage, Usd.TraverseInstanceProxies()):
-        if prim.IsInstance() and not prim.IsInstanceProxy():
+    for prim in stage.Traverse():
+        if prim.IsInstance():
             specs = filter(None, (layer.GetPrimAtPath(prim.GetPath()) for layer in layers))
             names = sorted({child.name for spec in specs for child in spec.nameChildren})
             if names:

@@ -15,7 +15,7 @@ from pxr import Pcp, Sdf, Usd, UsdGeom
 from usdsplat.core.cloud import F64
 from usdsplat.core.errors import StageError
 from usdsplat.core.findings import Finding, finding
-from usdsplat.schema.stage_values import UP_AXES, local_transform, op_names
+from usdsplat.schema.stage_values import UP_AXES, in_world, local_transform, op_names
 
 RESOLVED = "unitsResolve"
 """Suffix of the ops of metrics assemblers."""
@@ -37,7 +37,7 @@ def metrics_findings(stage: Usd.Stage) -> Iterator[Finding]:
     ]
     if not varies:
         return
-    for prim in Usd.PrimRange.Stage(stage, Usd.TraverseInstanceProxies()):
+    for prim in in_world(stage):
         if prim.HasAuthoredReferences() or prim.HasAuthoredPayloads():
             yield from _of_prim(prim, varies)
 

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator
 from typing import Any, Literal, cast
 
 import numpy as np
-from pxr import Gf, Tf, Usd, UsdGeom, Vt
+from pxr import Gf, Sdf, Tf, Usd, UsdGeom, Vt
 
 from usdsplat.core.errors import StageError
 
@@ -26,6 +26,19 @@ EXPECTED_OPS = "transform ops of UsdGeomXformable"
 """Words for what `xformOpOrder` may have, in findings and errors."""
 _INVERSE = "!invert!"
 _RESET = "!resetXformStack!"
+
+
+def in_world(stage: Usd.Stage) -> Iterator[Usd.Prim]:
+    """Yield the prims of a stage as they are seen in the world, what is in equal instances once."""
+    seen: set[Sdf.Path] = set()
+    prims = iter(Usd.PrimRange.Stage(stage, Usd.TraverseInstanceProxies()))
+    for prim in prims:
+        yield prim
+        if prim.IsInstance():
+            prototype = prim.GetPrototype().GetPath()
+            if prototype in seen:
+                prims.PruneChildren()
+            seen.add(prototype)
 
 
 def up_axis(stage: Usd.Stage) -> UpAxis:

@@ -6,11 +6,13 @@ from collections.abc import Iterator
 
 from pxr import Sdf, Tf, Usd
 
+from usdsplat.schema.stage_values import in_world
+
 
 def clip_assets(stage: Usd.Stage) -> Iterator[tuple[Usd.Prim, Sdf.AssetPath]]:
     """Yield (prim, asset) of each clip and manifest of a stage; resolved, or with an empty
     `resolvedPath` if the file is missing."""
-    for prim in Usd.PrimRange.Stage(stage, Usd.TraverseInstanceProxies()):
+    for prim in in_world(stage):
         if not prim.HasAuthoredMetadata("clips"):
             continue
         api = Usd.ClipsAPI(prim)
@@ -26,4 +28,6 @@ def clip_assets(stage: Usd.Stage) -> Iterator[tuple[Usd.Prim, Sdf.AssetPath]]:
 
 def clip_files(stage: Usd.Stage) -> set[str]:
     """Return the files of the value clips of a stage that exist."""
+    if len(stage.GetUsedLayers()) == len(stage.GetUsedLayers(False)):
+        return set()  # without a search: each set of clips uses a layer, at least its manifest
     return {asset.resolvedPath for _, asset in clip_assets(stage) if asset.resolvedPath}

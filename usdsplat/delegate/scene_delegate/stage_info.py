@@ -14,13 +14,13 @@ def read_stage_info(stage: Usd.Stage, *, prims: tuple[str, ...]) -> StageInfo:
     # Without clips, which are used layers only once something was read from them.
     layers = [layer for layer in stage.GetUsedLayers(False) if layer != session]
     is_saved = all(layer.realPath and not layer.dirty for layer in layers)
-    paths = {layer.realPath for layer in layers} | clip_files(stage)
     return StageInfo(
         frames_per_second=stage.GetFramesPerSecond(),
         time_codes_per_second=stage.GetTimeCodesPerSecond(),
         start=stage.GetStartTimeCode() if stage.HasAuthoredTimeCodeRange() else 0.0,
         meters_per_unit=UsdGeom.GetStageMetersPerUnit(stage),
-        files=tuple(sorted(set(map(_file, paths)))) if is_saved else (),
+        files=tuple(sorted({_file(layer.realPath) for layer in layers})) if is_saved else (),
+        clips=tuple(sorted(set(map(_file, clip_files(stage))))),
         prims=prims,
     )
 
