@@ -167,6 +167,7 @@ RAW = {
     "ComputeExtentsHint",
     "GetLocalTransformation",
     "GetOrderedXformOps",
+    "TransformMightBeTimeVarying",
 }
 
 

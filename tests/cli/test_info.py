@@ -38,7 +38,7 @@ def test_a_stages_fields_are_described_one_by_one(run_json, shot):
     """Oracle: what the fixture authored; 236 bytes are float32 centre, quaternion, scales, opacity
     and 4 x 3 coefficients: (3 + 4 + 3 + 1 + 12) x 4 = 92 at degree 1."""
     told = run_json("info", shot)
-    assert (told["up_axis"], told["frame"], told["frames"]) == ("Y", "rub", [1.0, 4.0])
+    assert (told["up_axis"], told["axes"], told["frames"]) == ("Y", "rub", [1.0, 4.0])
     assert told["cameras"] == ["/World/Cam"]
     (field,) = told["fields"]
     assert (field["path"], field["form"], field["splats"]) == ("/World/Ball", "float", 300)
@@ -57,7 +57,7 @@ def test_time_samples_are_counted_and_chosen(run_json, tmp_path):
     stage.GetRootLayer().Save()
     (field,) = run_json("info", tmp_path / "a.usda", "--frame", 2)["fields"]
     assert (field["samples"], field["sampled"]) == (2, [1.0, 2.0])
-    assert field["bounds"][0][1] == pytest.approx(moved.positions[:, 1].min())
+    assert field["local_bounds"][0][1] == pytest.approx(moved.positions[:, 1].min())
 
 
 def test_provenance_is_shown(run, run_json, capture, tmp_path):

@@ -259,6 +259,22 @@ def test_a_bake_that_fails_before_its_first_checkpoint_leaves_nothing(
     assert sorted(os.listdir(tmp_path)) == before
 
 
+def test_a_late_error_does_not_remove_a_complete_bake(run, sim, tmp_path, monkeypatch):
+    """Oracle: `validate`; the error is that of synchronising the folder after all renames."""
+    from usdsplat.sim.stage.bake_layers import BakeLayers
+
+    show = BakeLayers.show_merged
+
+    def late(self, *args):
+        show(self, *args)
+        raise OutputError(str(self.target), "no space", "a writable place")
+
+    monkeypatch.setattr(BakeLayers, "show_merged", late)
+    assert run("simulate", sim, "-o", tmp_path / "a.usda")[0] == 2
+    assert run("validate", tmp_path / "a.usda")[0] == 0
+    assert (tmp_path / "a_data" / "samples.usdc").exists()
+
+
 def test_an_interrupted_bake_is_a_finding_until_it_is_resumed(run, sim, tmp_path, monkeypatch):
     """Oracle: the codes of `validate` and `render`; the frames on the disk are those that the
     checkpoint after the second of four frames needs: the first."""

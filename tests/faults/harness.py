@@ -38,7 +38,8 @@ class Command:
     targets: tuple[str, ...]
     """Files that it writes in the folder OUT."""
     kept: tuple[str, ...] = ()
-    """Names in OUT that a failed run may leave if a checkpoint is among them, for --resume."""
+    """Names in OUT that a failed run may leave if a checkpoint is among them, for --resume, or if
+    they are whole and only the last step failed."""
 
     @property
     def replaced(self) -> tuple[str, ...]:
@@ -238,8 +239,10 @@ class Runner:
             for path in (self.out / name).rglob("*")
             if path.name.startswith(".") or (is_done and not results.is_part(path))
         }
-        if not is_done and not any(self.out.rglob("checkpoint")):
-            found |= {name for name in command.kept if (self.out / name).exists()}
+        left = {name for name in command.kept if (self.out / name).exists()}
+        if left and not is_done and not any(self.out.rglob("checkpoint")):
+            is_whole = left == {*command.kept} and self._read(command) == self._wanted[command.name]
+            found |= set() if is_whole else left
         return " ".join(sorted(found | inside))
 
     def _read(self, command: Command) -> list[object]:

@@ -20,6 +20,8 @@ from tests.faults.harness import COMMANDS, Command, Runner, Verdict, compile_shi
 from tests.faults.inputs import write_inputs
 
 TARGET = Path(__file__).parents[2] / "build" / "faults.md"
+RUNNERS = 3
+"""Commands that are tried at a time; a run waits for the disk for most of its time."""
 FAULTS = {
     "enospc": "full disk from a write on",
     "once": "one failing call",
@@ -86,11 +88,11 @@ def _rows_of(runner: Runner, command: Command) -> list[Row]:
 
 
 @contextmanager
-def two_runners(folder: Path, shim: Path) -> Iterator[list[Runner]]:
-    """Runners in folders of their own; most of a run is waiting for the disk."""
+def several_runners(folder: Path, shim: Path) -> Iterator[list[Runner]]:
+    """Runners, each in a folder of its own."""
     with ExitStack() as stack:
         runners = []
-        for number in (1, 2):
+        for number in range(RUNNERS):
             place = folder / f"runner{number}"
             place.mkdir()
             write_inputs(place)
@@ -125,7 +127,7 @@ def main() -> int:
         if shim is None:
             print("tests.faults.table: found no C compiler on Linux", file=sys.stderr)
             return 2
-        with two_runners(folder, shim) as runners:
+        with several_runners(folder, shim) as runners:
             found = rows(runners)
     write(found)
     print(TARGET)

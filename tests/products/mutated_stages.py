@@ -111,14 +111,6 @@ def _texture(stage: Usd.Stage) -> None:
     shader.CreateInput("diffuseColor", F.Color3f).ConnectToSource(output)
 
 
-def _below_instance(stage: Usd.Stage) -> None:
-    UsdGeom.Sphere.Define(stage, "/Library/Ball/Shape")
-    copy = stage.DefinePrim("/W/Copy")
-    copy.GetReferences().AddInternalReference("/Library/Ball")
-    UsdGeom.Sphere(stage.OverridePrim("/W/Copy/Shape")).CreateRadiusAttr(2.0)
-    copy.SetInstanceable(True)
-
-
 def _instancer(stage: Usd.Stage) -> None:
     scatter = UsdGeom.PointInstancer.Define(stage, "/W/Scatter")
     scatter.CreatePrototypesRel().SetTargets(["/W/None"])
@@ -142,8 +134,6 @@ MUTATIONS: dict[str, Callable[[Usd.Stage], None]] = {
     "input": put("/W/Mat/S.inputs:difuseColor", F.Color3f, (1, 0, 0)),
     "surface": put("/W/Mat/S.info:id", F.Token, "ND_standard_surface"),
     "texture": _texture,
-    "mode": put("/W/Ball.splat:rasterizeMode", F.Token, "sideways"),
-    "below an instance": _below_instance,
     "grade": put("/W/Ball.splat:grade:exposre", F.Float, 1.0),
     "illegal grade": put("/W/Ball.splat:grade:temperature", F.Float, 10.0),
     "samples": put("/Render/Settings.splat:sampels", F.Int, 4),

@@ -5,11 +5,12 @@ from __future__ import annotations
 import json
 
 import pytest
-from pxr import Gf, UsdGeom, UsdRender
+from pxr import UsdRender
 
 from tests.products.mutated_stages import MUTATIONS, base, mutated
-from usdsplat.core.findings import finding
-from usdsplat.products.checking import MOST_TIMES
+from usdsplat.core.findings import Findings, finding
+from usdsplat.products import checking
+from usdsplat.products.checking import check_stage
 
 pytestmark = pytest.mark.usefixtures("compiled")
 
@@ -52,22 +53,45 @@ def test_every_mistake_is_made():
     assert len(MUTATIONS) * 3 < COUNT
 
 
-def test_more_times_than_are_checked_are_said_and_the_last_is_checked(run, tmp_path):
-    """Oracle: a mistake at the last of too many samples, and the number that is authored."""
-    path = tmp_path / "long.usda"
-    stage = base(path)
-    mesh = UsdGeom.Mesh(stage.GetPrimAtPath("/W/Floor"))
-    op = mesh.AddTranslateOp()
-    for time in range(2 * MOST_TIMES):
-        op.Set(Gf.Vec3d(0, 0, 0), time)
-    mesh.GetFaceVertexIndicesAttr().Set([0, 1, 2, 3], 2 * MOST_TIMES - 2)
-    mesh.GetFaceVertexIndicesAttr().Set([0, 1, 2, 99], 2 * MOST_TIMES - 1)
-    stage.SetEndTimeCode(2 * MOST_TIMES - 1)
-    stage.GetRootLayer().Save()
-    _, out, _ = run("validate", path, "--json")
-    findings = {each["code"]: each for each in json.loads(out)["findings"]}
-    assert findings["not-all-checked"]["found"] == f"{2 * MOST_TIMES} times with a sample"
-    assert findings["not-drawn"]["path"] == "/W/Floor"
+def checked(stage, **options):
+    """The findings on a stage, by code."""
+    findings = Findings()
+    check_stage(stage, findings, **options)
+    return {each.code: each for each in findings}
+
+
+def test_two_frames_with_one_name_are_found(tmp_path):
+    """Oracle: a productName whose two samples are equal in two of three frames."""
+    stage = base(tmp_path / "shot.usda")
+    assert "bad-product" not in checked(stage)
+    stage.SetEndTimeCode(3)
+    name = stage.GetPrimAtPath("/Render/Product").GetAttribute("productName")
+    for time, value in ((1, "a.exr"), (2, "b.exr"), (3, "a.exr")):
+        name.Set(value, time)
+    assert checked(stage)["bad-product"].found
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_too_many_times_are_said_and_the_last_is_checked(tmp_path, monkeypatch):
+    """Oracle: a camera that is damaged in the last of six frames; four are checked."""
+    monkeypatch.setattr(checking, "MOST_TIMES", 4)
+    stage = base(tmp_path / "shot.usda")
+    stage.SetEndTimeCode(6)
+    focal = stage.GetPrimAtPath("/W/Cam").GetAttribute("focalLength")
+    for time in range(1, 7):
+        focal.Set(-1.0 if time == 6 else 50.0 + time, time)
+    found = checked(stage)
+    assert found["not-checked"].severity == "note"
+    assert "6 times" in found["not-checked"].found
+    assert found["bad-camera"].time == 6
+
+
+def test_a_range_without_end_is_a_finding(tmp_path):
+    """Oracle: the code; the names of infinitely many frames cannot be checked."""
+    stage = base(tmp_path / "shot.usda")
+    stage.GetPrimAtPath("/Render/Product").GetAttribute("productName").Set("a.####.exr")
+    stage.SetEndTimeCode(1e30)
+    assert "1e+30" in checked(stage)["bad-product"].found
 
 
 def test_two_products_with_one_file_are_found(run, tmp_path, monkeypatch):

@@ -110,8 +110,10 @@ def test_a_value_of_another_type_is_refused(stage: Usd.Stage, name: str) -> None
         schema.grade(prim)
 
 
-@pytest.mark.parametrize(("kind", "allowed"), [("ParticleField", True), ("Mesh", False)])
-def test_it_applies_to_particle_fields(stage: Usd.Stage, kind: str, allowed: bool) -> None:
+@pytest.mark.parametrize(
+    ("kind", "allowed"), [("ParticleField", True), ("Xform", True), ("Mesh", False)]
+)
+def test_it_applies_to_fields_and_models(stage: Usd.Stage, kind: str, allowed: bool) -> None:
     """Oracle: USD's CanApplyAPI."""
     prim = stage.DefinePrim("/Prim", kind)
     assert bool(prim.CanApplyAPI(tokens.GRADE_API)) == allowed

@@ -15,7 +15,9 @@ from usdsplat.schema.stage_values import (
     local_to_ancestor,
     local_to_world,
     local_transform,
-    ops_of,
+    may_move,
+    op_names,
+    ordered_ops,
     parent_to_world,
     unknown_ops,
     up_axis,
@@ -75,23 +77,6 @@ def test_an_unknown_op_is_an_error_that_names_the_prim_with_the_op(stage: Usd.St
             asked()
 
 
-def test_the_ops_of_a_prim_are_usds_or_an_error(stage: Usd.Stage) -> None:
-    """Oracle: the ops that are authored; a sphere without ops and a scope have none."""
-    assert [op.GetOpName() for op in ops_of(stage.GetPrimAtPath("/Good"))] == ["xformOp:translate"]
-    assert ops_of(stage.GetPrimAtPath("/Good/Ball")) == []
-    assert ops_of(stage.DefinePrim("/Scope", "Scope")) == []
-    bad = stage.GetPrimAtPath("/Good/Bad")
-    bad.CreateAttribute("xformOp:wobble:x", Sdf.ValueTypeNames.Double).Set(1.0)
-    model, cache = UsdGeom.ModelAPI(stage.GetPrimAtPath("/Good")), UsdGeom.BBoxCache(0, ["default"])
-    for asked in (
-        lambda: ops_of(bad),
-        lambda: local_transform(bad, Usd.TimeCode.Default()),
-        lambda: extents_hint(model, cache),
-    ):
-        with pytest.raises(StageError, match=r"/Good/Bad\.xformOpOrder: found 'xformOp:wobble:x'"):
-            asked()
-
-
 def test_ops_without_a_meaning_or_an_attribute_are_found() -> None:
     """Oracle: written out by hand; USD leaves out an op without an attribute without an error."""
     stage = Usd.Stage.CreateInMemory()
@@ -128,6 +113,36 @@ def test_an_up_axis_that_usd_does_not_allow_counts_as_y(authored: str, axis: str
 def test_numbers_that_are_not_finite_are_found_in_any_value(value: object, expected: bool) -> None:
     """Oracle: written out by hand."""
     assert are_finite(value) == expected
+
+
+@pytest.mark.parametrize("which", ["local", "ops", "extents"])
+def test_ops_that_usd_does_not_know_are_errors_of_ours(which) -> None:
+    """Oracle: the error class, the prim and the op, for each function that evaluates ops."""
+    stage = Usd.Stage.CreateInMemory()
+    prim = UsdGeom.Xform.Define(stage, "/A/B").GetPrim()
+    UsdGeom.Cube.Define(stage, "/A/B/Box").CreateExtentAttr([(-1, -1, -1), (1, 1, 1)])
+    model = UsdGeom.ModelAPI.Apply(stage.GetPrimAtPath("/A"))
+    prim.CreateAttribute("xformOp:wrong", Sdf.ValueTypeNames.Double3).Set((1, 2, 3))
+    UsdGeom.Xformable(prim).GetXformOpOrderAttr().Set(["xformOp:wrong"])
+    cache = UsdGeom.BBoxCache(Usd.TimeCode.Default(), ["default"])
+    ask = {
+        "local": lambda: local_transform(prim, Usd.TimeCode.Default()),
+        "ops": lambda: ordered_ops(prim),
+        "extents": lambda: extents_hint(model, cache),
+    }[which]
+    with pytest.raises(StageError, match=r"^/A/B.xformOpOrder: found 'xformOp:wrong'"):
+        ask()
+
+
+def test_an_order_of_another_type_has_no_ops() -> None:
+    """Oracle: USD reads the order as an array of tokens only."""
+    stage = Usd.Stage.CreateInMemory()
+    prim = stage.DefinePrim("/A", "Xform")
+    spec = stage.GetRootLayer().GetPrimAtPath("/A")
+    Sdf.AttributeSpec(spec, "xformOpOrder", Sdf.ValueTypeNames.Int).default = 3
+    assert op_names(prim) == []
+    assert list(unknown_ops(prim)) == []
+    assert not may_move(prim)
 
 
 def test_equal_instances_are_seen_once() -> None:

@@ -7,6 +7,8 @@ examples:
       for a Z-up pipeline; the capture is in centimetres and its y points up
   usdsplat convert scan.ply scan.usdc --packed
       a third of the size, in the packed type, which only usdsplat can draw
+  usdsplat convert asset.usd asset_packed.usdc --packed
+      the same for the fields of a stage; variants and references stay, --flatten flattens them
   usdsplat convert shot.usd still.ply --frame 12 --prim /World/Tree
       the splats below a prim at frame 12, in world space, as a capture
   usdsplat convert shot.usd tree.spz --split
@@ -80,13 +82,20 @@ def run(options: Options, reporter: Reporter) -> int:
     edits = edits_of(options.edit)
     check(options, sources, target)
     stage, frames, captures = options.stage_output, options.sequence, options.capture
+    form: Form = "packed" if stage.packed else "half" if stage.half else "float"
     for source in filter(is_usd, sources):
+        from usdsplat.core.progress import silent
+        from usdsplat.interchange.field_writing import FieldWriter
+        from usdsplat.interchange.repacking_in_place import fields_in_instances
         from usdsplat.products.checking import opening_findings
 
-        time = time_code(options.stage_input.frame)
-        reporter.findings.extend(opening_findings(open_stage(source), time))
+        opened = open_stage(source)
+        found = opening_findings(opened, time_code(options.stage_input.frame))
+        reporter.findings.extend(found)
+        if reporter.findings.is_strict and is_usd(Path(target)) and not options.stage_input.flatten:
+            writer = FieldWriter(form, edits, silent)
+            reporter.findings.extend(fields_in_instances(opened, writer))
     reporter.findings.check()
-    form: Form = "packed" if stage.packed else "half" if stage.half else "float"
     with ExitStack() as during:
         during.enter_context(made_folder(Path(target).parent))
         if any(edit.kind.compiles for edit in edits):
@@ -118,6 +127,7 @@ def run(options: Options, reporter: Reporter) -> int:
                 rate=RATE if frames.rate is None else frames.rate,
                 interpolate=frames.interpolate,
             ),
+            flatten=options.stage_input.flatten,
             progress=during.enter_context(reporter.progress()),
         )
     if not isinstance(report, ImportReport):

@@ -130,6 +130,8 @@ def _lines(value: dict[str, Any], indent: str) -> list[str]:
         name = key.replace("_", " ")
         if item is None or item is False or item in ([], {}, ""):
             continue
+        if key == "agrees":
+            continue  # the remark says it if they do not
         if isinstance(item, list) and isinstance(item[0], dict):
             for entry in item:
                 lines += [f"{indent}{name}", *_lines(entry, indent + "  ")]

@@ -85,7 +85,7 @@ class Options:
     memory_limit: Annotated[str | None, option("SIZE")] = None
     """maximum memory of the process, such as 800M or 6G; default: no limit"""
     resume: Annotated[bool, option()] = False
-    """skip frames whose file exists"""
+    """skip frames whose file exists, unless it is truncated or another picture"""
     json: Annotated[bool, option()] = False
     """print one JSON object with the pictures, the files that --resume skipped, and the findings"""
     framing: FramingOptions = field(default_factory=FramingOptions)

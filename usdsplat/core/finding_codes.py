@@ -44,12 +44,6 @@ CODES: dict[str, Code] = {
         "USD cannot compose a part of the stage as authored",
         "correct the composition arc that the sentence names",
     ),
-    "ignored-opinion": Code(
-        "warning",
-        "a layer has opinions on a prim below an instance, which USD ignores",
-        "author them on the instance or in its asset, or turn off instanceable",
-        "they have no effect",
-    ),
     "units-mismatch": Code(
         "warning",
         "an asset has another metersPerUnit than the layer that refers to it",
@@ -61,6 +55,11 @@ CODES: dict[str, Code] = {
         "an asset has another upAxis than the layer that refers to it",
         "rotate the prim that refers to it, or convert the asset",
         "the asset is not turned",
+    ),
+    "ignored-opinion": Code(
+        "warning",
+        "an opinion below an instanceable prim has no effect",
+        "author it in the instanced asset, or set instanceable to false on the prim",
     ),
     # --- drawing ---
     "not-drawn": Code(
@@ -208,11 +207,6 @@ CODES: dict[str, Code] = {
         "check focalLength, fStop and focusDistance: USD's focal lengths are in tenths of a scene "
         "unit, so that millimetres need a metersPerUnit of 0.01",
     ),
-    "not-all-checked": Code(
-        "note",
-        "a stage has samples at too many times to check each of them",
-        "check a time with --time, or a part of the stage",
-    ),
     "holdout-depth": Code(
         "warning",
         "a flat holdout has pixels with A above 0 but no finite depth, as pictures have whose A is "
@@ -224,6 +218,11 @@ CODES: dict[str, Code] = {
         "warning",
         "a stage has nothing to check",
         "check the path of the file, its payloads and its population mask",
+    ),
+    "not-checked": Code(
+        "note",
+        "a stage has more times with samples than are checked",
+        "check single frames with --frame",
     ),
     "unreadable": Code(
         "error",
@@ -371,6 +370,12 @@ CODES: dict[str, Code] = {
         "warning", "the stage has no metersPerUnit", "author metersPerUnit in the root layer"
     ),
     # --- other files ---
+    "not-converted": Code(
+        "error",
+        "a field cannot be converted within a file that refers to others",
+        "convert with --flatten, or convert the file that has the field",
+        "it keeps its form",
+    ),
     "assumed-space": Code(
         "note",
         "a reference picture does not name its colour space",

@@ -36,8 +36,8 @@ class Rprim(Prim):
         self._shown = False
 
     @property
-    def is_visible(self) -> bool:
-        """Whether an appearance has a visible prim of a drawn purpose, placed or not."""
+    def is_wanted(self) -> bool:
+        """Whether an appearance is neither hidden nor of another purpose, wherever it is."""
         return any(self._visible)
 
     def sync(self, scene: SceneDelegate, param: RenderParam, bits: DirtyBits) -> DirtyBits:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from pxr import Sdf, Tf, Usd
@@ -31,7 +32,22 @@ def open_stage(path: Path) -> Usd.Stage:
         StageError: If USD cannot read it.
     """
     layer = open_layer(path)
-    return Usd.Stage.Open(layer)
+    with composition_errors(path):
+        return Usd.Stage.Open(layer)
+
+
+@contextmanager
+def composition_errors(path: Path) -> Iterator[None]:
+    """Convert exceptions of USD while it composes a stage.
+
+    Raises:
+        StageError: Instead of USD's own.
+    """
+    try:
+        yield
+    except Tf.ErrorException as error:
+        found = sentence(error) or "nothing that USD can compose"
+        raise StageError(str(path), found, "a stage that USD can compose") from None
 
 
 def open_layer(path: Path, *, anonymous: bool = False) -> Sdf.Layer:

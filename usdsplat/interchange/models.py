@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
-from pxr import Kind, Sdf, Tf, Usd, UsdGeom
+from pxr import Kind, Sdf, Usd, UsdGeom
 
 from usdsplat import schema
-from usdsplat.core.errors import StageError, UsageError
+from usdsplat.core.errors import StageError
+from usdsplat.core.text import shown
 from usdsplat.schema.stage_values import extents_hint
 
 FIELD = "splats"
@@ -26,9 +28,6 @@ def author_model(field: Usd.Prim, target: Path | None) -> None:
         field: The field.
         target: File that the stage is saved to, which becomes the asset's identifier; None for a
             stage that is not an asset of its own.
-
-    Raises:
-        UsageError: If the name of the file cannot be an asset path.
     """
     prim = field.GetParent()
     model = Usd.ModelAPI(prim)
@@ -36,7 +35,7 @@ def author_model(field: Usd.Prim, target: Path | None) -> None:
     model.SetKind(Kind.Tokens.subcomponent if is_part else Kind.Tokens.component)
     model.SetAssetName(prim.GetName())
     if target is not None:
-        model.SetAssetIdentifier(_asset_path(target))
+        model.SetAssetIdentifier(Sdf.AssetPath(f"./{shown(target.name)}"))
     if not prim.HasAPI(UsdGeom.ModelAPI):
         author_extents(field)
 
@@ -66,18 +65,8 @@ def update_extents(field: Usd.Prim) -> None:
 def _author(model: UsdGeom.ModelAPI, code: Usd.TimeCode) -> None:
     """Author extentsHint at a time."""
     cache = UsdGeom.BBoxCache(code, [UsdGeom.Tokens.default_])
-    try:
+    with suppress(StageError):  # such a prim is not drawn either, and is reported there
         model.SetExtentsHint(extents_hint(model, cache), code)
-    except StageError:  # no bounds are better than those of before; `validate` reports the op
-        model.GetPrim().RemoveProperty(_HINT)
-
-
-def _asset_path(target: Path) -> Sdf.AssetPath:
-    """Return the path of a file relative to itself."""
-    try:
-        return Sdf.AssetPath(f"./{target.name}")
-    except Tf.ErrorException:
-        raise UsageError("output", repr(target.name), "a name without control characters") from None
 
 
 def _code(time: float | None) -> Usd.TimeCode:

@@ -16,7 +16,7 @@ from usdsplat.core.cloud import F64
 from usdsplat.core.errors import StageError, UsageError
 from usdsplat.core.text import shown
 from usdsplat.interchange.models import FIELD
-from usdsplat.schema.stage_values import ops_of, up_axis
+from usdsplat.schema.stage_values import ordered_ops, up_axis
 
 _SUFFIX = "axes"
 OP = f"xformOp:transform:{_SUFFIX}"
@@ -81,14 +81,10 @@ def set_op(prim: Usd.Prim, matrix: F64 | None) -> None:
     """Author the matrix as the innermost transform op of a prim, replacing an older one.
 
     Other ops stay; None or the identity removes the op.
-
-    Raises:
-        StageError: If the prim has a transform op that USD does not know.
     """
     xformable = UsdGeom.Xformable(prim)
-    ops = ops_of(prim)
-    others = [op for op in ops if op.GetOpName() != OP]
-    if len(others) < len(ops):
+    others = [op for op in ordered_ops(prim) if op.GetOpName() != OP]
+    if len(others) < len(ordered_ops(prim)):
         xformable.SetXformOpOrder(others, xformable.GetResetXformStack())
         prim.RemoveProperty(OP)
     if matrix is None or np.array_equal(matrix, np.eye(4)):

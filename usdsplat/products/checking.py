@@ -27,6 +27,7 @@ from usdsplat.products.planning import plan_default, plan_product
 from usdsplat.products.preflight import findings_of, lens_findings
 from usdsplat.products.request import PicturePlan, RenderRequest
 from usdsplat.schema.composition import composition_findings
+from usdsplat.schema.proxy import points_of
 from usdsplat.schema.validation import sample_codes, splat_fields
 from usdsplat.sim.stage.collections import find_simulations
 from usdsplat.sim.stage.validating import validate_simulations
@@ -37,7 +38,7 @@ MOST_TIMES = 1000
 ANY_FILE = "picture.exr"
 """File of a picture that the stage does not name."""
 
-CHECKED = ("fields", "surfaces", "products", "simulations")
+CHECKED = ("fields", "points", "surfaces", "products", "simulations")
 """Of these, a stage should have at least one."""
 
 
@@ -62,7 +63,7 @@ def check_stage(
     findings.extend(composition_findings(stage))
     findings.extend(schema.validate(stage, time=time, progress=progress))
     findings.extend(validate_simulations(stage, time=time))
-    times = [time] if time is not None else _some(_times(stage), findings)
+    times = [time] if time is not None else _times(stage, findings)
     with Engine(stage, device="cpu", time=times[0]) as engine:
         plans, products = _plans(engine, stage, findings)
         purposes = {purpose for plan in plans for purpose in plan.purposes}
@@ -79,7 +80,7 @@ def check_stage(
         progress.step("checking frames", len(times), len(times))
         looked_at = _looked_at(stage, engine, products=products, frames=len(times))
     if not any(looked_at[kind] for kind in CHECKED):
-        expected = "a splat field, a surface, a product or a simulation"
+        expected = "a splat field, points, a surface, a product or a simulation"
         findings.add(finding("nothing-checked", "/", "nothing to check", expected))
     return looked_at
 
@@ -152,26 +153,22 @@ def _plan(engine: Engine, spec: ProductSpec, findings: Findings) -> PicturePlan:
     return plan
 
 
-def _times(stage: Usd.Stage) -> list[float]:
-    """Return the first and last frame, and every time at which something has a sample."""
+def _times(stage: Usd.Stage, findings: Findings) -> list[float]:
+    """Return the first and last frame, and every time at which something has a sample; of too many
+    some, evenly spaced, with the first and the last."""
     first = first_frame(stage, None)
     times = {stage.GetEndTimeCode()} if stage.HasAuthoredTimeCodeRange() else set()
     for prim in Usd.PrimRange.Stage(stage, Usd.TraverseInstanceProxies()):
         for attribute in prim.GetAuthoredAttributes():
             if attribute.ValueMightBeTimeVarying():
                 times.update(attribute.GetTimeSamples())
-    return [first, *sorted(times - {first})]
-
-
-def _some(times: list[float], findings: Findings) -> list[float]:
-    """Return at most MOST_TIMES of some times, evenly spaced, the first and the last included."""
-    if len(times) <= MOST_TIMES:
-        return times
-    found = f"{len(times)} times with a sample"
-    expected = f"at most {MOST_TIMES}: as many were checked, evenly spaced"
-    findings.add(finding("not-all-checked", "/", found, expected))
-    rows = np.linspace(0, len(times) - 1, MOST_TIMES).round().astype(int)
-    return [times[row] for row in rows]
+    found = [first, *sorted(times - {first})]
+    if len(found) <= MOST_TIMES:
+        return found
+    expected = f"at most {MOST_TIMES}, so that as many are checked, evenly spaced"
+    findings.add(finding("not-checked", "/", f"{len(found)} times with samples", expected))
+    rows = np.linspace(0, len(found) - 1, MOST_TIMES).round().astype(int)
+    return [found[row] for row in rows]
 
 
 def _looked_at(stage: Usd.Stage, engine: Engine, *, products: int, frames: int) -> Counter[str]:
@@ -183,6 +180,7 @@ def _looked_at(stage: Usd.Stage, engine: Engine, *, products: int, frames: int) 
         layers=len(stage.GetUsedLayers()),
         prims=len(prims),
         fields=len(fields),
+        points=len(points_of(prims)),
         samples=sum(len(sample_codes(prim)) for prim in fields),
         surfaces=len(engine.meshes()),
         materials=sum(prim.IsA(UsdShade.Material) for prim in prims),

@@ -8,7 +8,7 @@ from usdsplat.core.errors import StageError
 from usdsplat.core.findings import Finding, finding
 from usdsplat.core.wording import counted
 from usdsplat.delegate.scene_delegate import Stage
-from usdsplat.images.frame_numbers import parse_frames
+from usdsplat.images.frame_numbers import LIMIT, parse_frames
 from usdsplat.products.request import PicturePlan
 
 WHOLE_RANGE = "stage"
@@ -56,7 +56,7 @@ def frames_to_draw(
 
     Raises:
         UsageError: If `asked` is not a valid range.
-        StageError: If it is `WHOLE_RANGE`, and the stage has none.
+        StageError: If it is `WHOLE_RANGE`, and the stage has none; or the stage has too many.
     """
     if asked is not None and asked != WHOLE_RANGE:
         return parse_frames(asked)
@@ -67,5 +67,8 @@ def frames_to_draw(
         return (0.0,)
     first, last = stage.GetStartTimeCode(), stage.GetEndTimeCode()
     if asked == WHOLE_RANGE or any(plan.output.is_sequence for plan in plans):
+        if not last - first < LIMIT:  # true for NaN, too
+            found, expected = f"the range {first:g} to {last:g}", f"{LIMIT} frames or fewer"
+            raise StageError("stage startTimeCode and endTimeCode", found, expected)
         return tuple(first + i for i in range(max(int(last - first), 0) + 1))
     return (first,)

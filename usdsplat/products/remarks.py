@@ -30,13 +30,13 @@ def nothing_drawn(engine: Engine, view: View, stats: FrameStats) -> Finding | No
     if stats.visible or engine.render_scene.drawn_meshes():
         return None
     if not engine.fields():
-        found = "a stage without splats or surfaces"
+        found = "a stage without splats, points or surfaces"
     elif not stats.splats:
         found = "only splats that are hidden, of other purposes, or cannot be drawn"
     else:
         found = "no splats in view"
     where = view.camera.path or "/"
-    return finding("nothing-to-draw", where, found, "splats or surfaces in view")
+    return finding("nothing-to-draw", where, found, "splats, points or surfaces in view")
 
 
 def no_blur(plan: PicturePlan, camera: CameraSpec) -> Finding | None:

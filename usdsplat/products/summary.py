@@ -17,6 +17,7 @@ from usdsplat.formats import Capture
 from usdsplat.interchange import provenance
 from usdsplat.interchange.axes_choice import choose_axes, with_axes
 from usdsplat.interchange.frame_guess import guess_frame
+from usdsplat.schema.proxy import points_of
 from usdsplat.schema.stage_values import up_axis
 from usdsplat.schema.validation import splat_fields
 
@@ -79,13 +80,14 @@ def of_stage(
     prims = list(stage.Traverse(Usd.TraverseInstanceProxies()))
     return {
         "up_axis": up_axis(stage),
-        "frame": UP_AXIS_FRAME[up_axis(stage)],
+        "axes": UP_AXIS_FRAME[up_axis(stage)],
         "meters_per_unit": UsdGeom.GetStageMetersPerUnit(stage),
         "frames": frames if stage.HasAuthoredTimeCodeRange() else None,
         "frames_per_second": stage.GetTimeCodesPerSecond(),
         "splats": sum(entry.get("splats", 0) for entry in described),
         "splats_drawn": _drawn(stage, time),
         "cameras": [str(prim.GetPath()) for prim in prims if prim.IsA(UsdGeom.Camera)],
+        "points": [_of_points(prim, time) for prim in points_of(prims)],
         "products": [str(prim.GetPath()) for prim in prims if prim.IsA(UsdRender.Product)],
         "fields": described,
     }
@@ -113,7 +115,7 @@ def _of_field(prim: Usd.Prim, time: float | None) -> dict[str, Any]:
     return {
         **identity,
         "form": schema.form_of(prim),
-        **of_cloud(cloud),
+        **_in_its_space(of_cloud(cloud)),
         "bytes_per_splat": size / max(1, len(cloud)),
         "samples": len(numeric),
         "sampled": [numeric[0], numeric[-1]] if numeric else None,
@@ -124,6 +126,23 @@ def _of_field(prim: Usd.Prim, time: float | None) -> dict[str, Any]:
         "purpose": str(imageable.ComputePurpose()),
         "provenance": origin,
         "bake": _of_bake(bake) if bake else None,
+    }
+
+
+def _in_its_space(described: dict[str, Any]) -> dict[str, Any]:
+    """Return the description of a cloud with names that say that bounds are the field's own."""
+    named = {"bounds": "local_bounds", "bounds_robust": "local_bounds_robust"}
+    return {named.get(key, key): value for key, value in described.items()}
+
+
+def _of_points(prim: Usd.Prim, time: float | None) -> dict[str, Any]:
+    """Describe points, which are drawn as splats."""
+    code = Usd.TimeCode.EarliestTime() if time is None else Usd.TimeCode(time)
+    found: Any = UsdGeom.Points(prim).GetPointsAttr().Get(code)
+    return {
+        "path": str(prim.GetPath()),
+        "points": len(found) if found is not None else 0,
+        "purpose": str(UsdGeom.Imageable(prim).ComputePurpose()),
     }
 
 

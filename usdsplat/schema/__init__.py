@@ -19,7 +19,7 @@ from usdsplat.schema.field import (
     is_time_varying,
     sample_times,
 )
-from usdsplat.schema.grading import author_grade, grade, is_grade_varying
+from usdsplat.schema.grading import author_grade, grade, has_grade, is_grade_varying
 from usdsplat.schema.hints import (
     DrawingHints,
     color_space,
@@ -55,6 +55,7 @@ __all__ = [
     "form_of",
     "grade",
     "harmonics_width",
+    "has_grade",
     "is_grade_varying",
     "is_known_color_space",
     "is_packed",

@@ -21,9 +21,9 @@ _ANONYMOUS = re.compile(r",?@anon:[^@]*@")
 
 def composition_findings(stage: Usd.Stage) -> list[Finding]:
     """Return what the arcs of a stage ask for and do not get: a finding for each composition error,
-    except muted layers, each missing value clip, each prim that is authored below an instance, and
-    each asset with another unit or up axis; by path."""
-    found = [*_errors(stage), *_missing_clips(stage), *_ignored(stage), *metrics_findings(stage)]
+    except muted layers, each missing file of a value clip, each asset with another unit or up axis,
+    and each instance with opinions below it, which USD ignores; by path."""
+    found = [*_errors(stage), *metrics_findings(stage), *_clips(stage), *_ignored(stage)]
     once = {each.key: each for each in found}
     return sorted(once.values(), key=lambda each: (each.path, each.found))
 
@@ -48,8 +48,8 @@ def _errors(stage: Usd.Stage) -> list[Finding]:
     return [_finding(path, error) for path, error in placed]
 
 
-def _missing_clips(stage: Usd.Stage) -> Iterator[Finding]:
-    """Yield a finding for each layer of value clips that does not exist."""
+def _clips(stage: Usd.Stage) -> Iterator[Finding]:
+    """Yield a finding for each missing file of a value clip."""
     for prim, asset in clip_assets(stage):
         if not asset.resolvedPath:
             found = f"no file {asset.path} for a value clip"
@@ -57,17 +57,17 @@ def _missing_clips(stage: Usd.Stage) -> Iterator[Finding]:
 
 
 def _ignored(stage: Usd.Stage) -> Iterator[Finding]:
-    """Yield a finding for each prim below an instance that the stage's own layers have opinions
-    on: USD ignores them, because equal instances share their prims."""
+    """Yield a finding for each instance below which the stage's own layers have opinions."""
+    layers = stage.GetLayerStack()
     for prim in stage.Traverse():
-        if not prim.IsInstance():
-            continue
-        specs = [layer.GetPrimAtPath(prim.GetPath()) for layer in stage.GetLayerStack()]
-        for name in sorted({child.name for spec in specs if spec for child in spec.nameChildren}):
-            found = "opinions on a prim below an instance"
-            expected = "opinions on the instance, or an instance that is not instanceable"
-            path = prim.GetPath().AppendChild(name)
-            yield finding("ignored-opinion", str(path), found, expected)
+        if prim.IsInstance():
+            specs = filter(None, (layer.GetPrimAtPath(prim.GetPath()) for layer in layers))
+            names = sorted({child.name for spec in specs for child in spec.nameChildren})
+            if names:
+                found = f"opinions on {', '.join(names)} below an instanceable prim"
+                yield finding(
+                    "ignored-opinion", str(prim.GetPath()), found, "none: USD ignores them"
+                )
 
 
 def _finding(path: str, error: Pcp.ErrorBase) -> Finding:

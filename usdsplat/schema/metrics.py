@@ -15,7 +15,7 @@ from pxr import Pcp, Sdf, Usd, UsdGeom
 from usdsplat.core.cloud import F64
 from usdsplat.core.errors import StageError
 from usdsplat.core.findings import Finding, finding
-from usdsplat.schema.stage_values import UP_AXES, in_world, local_transform
+from usdsplat.schema.stage_values import UP_AXES, in_world, local_transform, op_names
 
 RESOLVED = "unitsResolve"
 """Suffix of the ops of metrics assemblers."""
@@ -29,7 +29,7 @@ _ARCS = (Pcp.ArcTypeReference, Pcp.ArcTypePayload)
 def metrics_findings(stage: Usd.Stage) -> Iterator[Finding]:
     """Yield a finding for each referenced asset whose authored unit or up axis is another than that
     of the layer that refers to it, unless a transform corrects it."""
-    layers = [layer.pseudoRoot for layer in stage.GetUsedLayers()]
+    layers = [layer.pseudoRoot for layer in stage.GetUsedLayers(False)]
     varies = [
         name
         for name in (_UNIT, _AXIS)
@@ -50,7 +50,7 @@ def _of_prim(prim: Usd.Prim, names: list[str]) -> Iterator[Finding]:
         asset = _root_layer(arc.GetTargetNode())
         shot = _root_layer(arc.GetIntroducingNode())
         differing = [name for name in names if _differs(name, asset, shot)]
-        if not differing or not _has_extent(prim):
+        if not differing or not _has_size(prim):
             continue
         ops, places = _transforms(prim)
         if _UNIT in differing and not (
@@ -96,8 +96,8 @@ def _ratio(asset: Sdf.Layer, shot: Sdf.Layer) -> float:
     return _unit(asset) / _unit(shot) if _unit(shot) else np.inf
 
 
-def _has_extent(prim: Usd.Prim) -> bool:
-    """Return whether a prim at or below this one has an extent."""
+def _has_size(prim: Usd.Prim) -> bool:
+    """Return whether there is something with a size at or below a prim."""
     below = Usd.PrimRange(prim, Usd.TraverseInstanceProxies())
     return any(each.IsA(UsdGeom.Boundable) for each in below)
 
@@ -108,9 +108,8 @@ def _transforms(prim: Usd.Prim) -> tuple[list[str], list[F64]]:
     ops: list[str] = []
     places: list[F64] = []
     place = np.eye(3)
-    while prim and prim.IsA(UsdGeom.Xformable):
-        attribute = prim.GetAttribute(UsdGeom.Tokens.xformOpOrder)
-        ops += [str(op) for op in (attribute.Get() if attribute else None) or ()]
+    while prim and not prim.IsPseudoRoot():
+        ops += op_names(prim)
         try:
             matrix = local_transform(prim, Usd.TimeCode.EarliestTime())
         except StageError:  # reported where the prim is drawn

@@ -55,31 +55,6 @@ def up_axis_problem(stage: Usd.Stage) -> StageError | None:
     return StageError("stage upAxis", repr(found), f"Y or Z; {ASSUMED} is assumed")
 
 
-def ops_of(prim: Usd.Prim) -> list[UsdGeom.XformOp]:
-    """Return the transform ops of a prim in their order; none for a prim without a transform.
-
-    Raises:
-        StageError: If the prim has a transform op that USD does not know.
-    """
-    xformable = UsdGeom.Xformable(prim)
-    try:
-        return list(xformable.GetOrderedXformOps()) if xformable else []
-    except Tf.ErrorException:
-        raise _bad_op(prim) from None
-
-
-def local_transform(prim: Usd.Prim, time: Usd.TimeCode) -> Gf.Matrix4d:
-    """Return the transform from a prim to its parent.
-
-    Raises:
-        StageError: As `ops_of`.
-    """
-    try:
-        return UsdGeom.Xformable(prim).GetLocalTransformation(time)
-    except Tf.ErrorException:
-        raise _bad_op(prim) from None
-
-
 def local_to_world(prim: Usd.Prim, cache: UsdGeom.XformCache) -> Gf.Matrix4d:
     """Return the transform from a prim to the world.
 
@@ -134,11 +109,51 @@ def world_bound(prim: Usd.Prim, cache: UsdGeom.BBoxCache) -> Gf.BBox3d:
         raise _bad_op(prim, below=True) from None
 
 
-def extents_hint(model: UsdGeom.ModelAPI, cache: UsdGeom.BBoxCache) -> Vt.Vec3fArray:
-    """Return the bounds of a model for each purpose.
+def local_transform(prim: Usd.Prim, time: Usd.TimeCode) -> Gf.Matrix4d:
+    """Return the transform from a prim to its parent.
 
     Raises:
-        StageError: If a transform op at or below the model is unknown to USD.
+        StageError: If the prim has a transform op that USD does not know.
+    """
+    try:
+        return UsdGeom.Xformable(prim).GetLocalTransformation(time)
+    except Tf.ErrorException:
+        raise _bad_op(prim) from None
+
+
+def ordered_ops(prim: Usd.Prim) -> list[UsdGeom.XformOp]:
+    """Return the transform ops of a prim.
+
+    Raises:
+        StageError: If it has one that USD does not know.
+    """
+    try:
+        return list(UsdGeom.Xformable(prim).GetOrderedXformOps())
+    except Tf.ErrorException:
+        raise _bad_op(prim) from None
+
+
+def op_names(prim: Usd.Prim) -> list[str]:
+    """Return the names in the transform order of a prim; none if it is not an array of tokens."""
+    attribute = prim.GetAttribute(UsdGeom.Tokens.xformOpOrder)
+    order = attribute.Get() if attribute else None
+    return [str(op) for op in order] if isinstance(order, Vt.TokenArray) else []
+
+
+def may_move(prim: Usd.Prim) -> bool:
+    """Return whether the own transform of a prim may vary over time; False if USD cannot tell."""
+    xformable = UsdGeom.Xformable(prim)
+    try:
+        return bool(xformable) and bool(xformable.TransformMightBeTimeVarying())
+    except Tf.ErrorException:
+        return False
+
+
+def extents_hint(model: UsdGeom.ModelAPI, cache: UsdGeom.BBoxCache) -> Vt.Vec3fArray:
+    """Return the bounds of a model for each purpose, see UsdGeomModelAPI.
+
+    Raises:
+        StageError: If a prim at or below the model has a transform op that USD does not know.
     """
     try:
         return model.ComputeExtentsHint(cache)
@@ -149,14 +164,13 @@ def extents_hint(model: UsdGeom.ModelAPI, cache: UsdGeom.BBoxCache) -> Vt.Vec3fA
 
 def unknown_ops(prim: Usd.Prim) -> Iterator[str]:
     """Yield the transform ops of a prim that USD does not know, or that have no attribute."""
-    order = prim.GetAttribute("xformOpOrder").Get() if prim.HasAttribute("xformOpOrder") else None
-    for op in order or ():
-        name = str(op).removeprefix(_INVERSE)
+    for op in op_names(prim):
+        name = op.removeprefix(_INVERSE)
         if name == _RESET:
             continue
         kind = name.split(":")[1] if name.startswith("xformOp:") else ""
         if kind not in _OPS or not prim.HasAttribute(name):
-            yield str(op)
+            yield op
 
 
 def are_finite(value: Any) -> bool:

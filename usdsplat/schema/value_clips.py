@@ -1,27 +1,33 @@
-"""Find the files of value clips, which are no layers of a stage until their frames are read."""
+"""Find the files of value clips, which USD opens only when their values are read."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
-from pxr import Sdf, Usd
+from pxr import Sdf, Tf, Usd
 
 from usdsplat.schema.stage_values import in_world
 
 
 def clip_assets(stage: Usd.Stage) -> Iterator[tuple[Usd.Prim, Sdf.AssetPath]]:
-    """Yield each clip and each manifest of a stage with the prim that has it.
-
-    The path of an asset that does not exist is not resolved. Of a template, USD lists only the
-    clips that exist.
-    """
+    """Yield (prim, asset) of each clip and manifest of a stage; resolved, or with an empty
+    `resolvedPath` if the file is missing."""
     for prim in in_world(stage):
         if not prim.HasAuthoredMetadata("clips"):
             continue
-        clips = Usd.ClipsAPI(prim)
-        for name in clips.GetClips():
-            manifest = clips.GetClipManifestAssetPath(name)
-            if manifest is not None and manifest.path:
-                yield prim, manifest
-            for asset in clips.ComputeClipAssetPaths(name):
+        api = Usd.ClipsAPI(prim)
+        for name in api.GetClips() or {}:
+            try:
+                found = list(api.ComputeClipAssetPaths(name) or ())
+                manifest = api.GetClipManifestAssetPath(name)
+            except (Tf.ErrorException, TypeError):  # metadata of another type
+                continue
+            for asset in (*found, *([manifest] if manifest and manifest.path else [])):
                 yield prim, asset
+
+
+def clip_files(stage: Usd.Stage) -> set[str]:
+    """Return the files of the value clips of a stage that exist."""
+    if len(stage.GetUsedLayers()) == len(stage.GetUsedLayers(False)):
+        return set()  # without a search: each set of clips uses a layer, at least its manifest
+    return {asset.resolvedPath for _, asset in clip_assets(stage) if asset.resolvedPath}

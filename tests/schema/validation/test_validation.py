@@ -364,4 +364,5 @@ def test_newborn_splats_of_scale_0_need_no_thickness(stage: Usd.Stage) -> None:
         schema.author(stage, "/Splats", replace(first, scales=flat, ids=np.array(ids)), time=2)
         (found,) = [each for each in validate(stage) if each.code == "zero-scale"]
         assert words in found.cure and found.time == 2
+        assert found.severity == ("note" if "none" in words else "warning")
         stage.RemovePrim(prim.GetPath())

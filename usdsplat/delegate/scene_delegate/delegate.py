@@ -11,13 +11,13 @@ from typing import Literal, TypeVar
 import numpy as np
 from pxr import Tf, Usd, UsdGeom
 
-from usdsplat import schema
 from usdsplat.core.cloud import F64
 from usdsplat.core.errors import StageError, UsageError, UsdSplatError
 from usdsplat.core.findings import Finding, finding, from_error
 from usdsplat.delegate.dirty_bits import DirtyBits
 from usdsplat.delegate.instancing import NO_INSTANCES, InstancerSpec, Placement
 from usdsplat.delegate.render_index import RenderIndex
+from usdsplat.delegate.rprim import Rprim
 from usdsplat.delegate.scene_delegate import placing
 from usdsplat.delegate.scene_delegate.cameras import read_camera, shutter_problem
 from usdsplat.delegate.scene_delegate.crops import read_crop
@@ -28,6 +28,7 @@ from usdsplat.delegate.scene_delegate.instancers import read_instancer
 from usdsplat.delegate.scene_delegate.lights import read_light
 from usdsplat.delegate.scene_delegate.meshes import MeshReader
 from usdsplat.delegate.scene_delegate.notices import Changes, NoticeListener
+from usdsplat.delegate.scene_delegate.points import is_points
 from usdsplat.delegate.scene_delegate.population import Appearance, Population, populate
 from usdsplat.delegate.scene_delegate.readings import Readings, Sources
 from usdsplat.delegate.scene_delegate.reconcile import reconcile
@@ -42,6 +43,7 @@ from usdsplat.delegate.scene_delegate.variability import varying_bits
 from usdsplat.delegate.stage_info import StageInfo
 from usdsplat.render.specs import CameraSpec, CropSpec, FieldSpec, LightSpec, MeshSpec
 from usdsplat.schema.stage_values import up_axis, up_axis_problem
+from usdsplat.schema.validation import errors_of_drawn
 
 T = TypeVar("T")
 
@@ -114,9 +116,9 @@ class UsdSceneDelegate:
         for (path, kind), why in self.problems.items():
             if self._is_of_interest(path, kind):
                 found.append(from_error(UNREADABLE[kind], why))
-        for (path, kind), remarks in self._remarks.items():
-            if kind == "shutter" or self._is_visible(path):
-                found += remarks
+        for (path, kind), each in self._remarks.items():
+            if kind == "shutter" or self._rprim(path).is_wanted:
+                found += each
         for path, reader in self._meshes.items():
             if self._is_of_interest(path, "mesh") and (path, "mesh") not in self.problems:
                 found += reader.findings
@@ -225,8 +227,10 @@ class UsdSceneDelegate:
     def field(self, path: str) -> FieldSpec | None:
         """Implement `SceneDelegate.field`."""
         prim = self._population.fields[path].prim
-        self._remark("hints", path, *schema.validation.hint_findings(prim))
-        return self._pull("field", path, partial(read_field, prim, self.time), None)
+        spec = self._pull("field", path, partial(read_field, prim, self.time), None)
+        wrong = [] if spec is None or is_points(prim) else errors_of_drawn(prim, self.time)
+        self._remark("values", path, *wrong)
+        return spec
 
     def mesh(self, path: str, bits: DirtyBits) -> MeshSpec | None:
         """Implement `SceneDelegate.mesh`."""
@@ -329,14 +333,11 @@ class UsdSceneDelegate:
     def _is_of_interest(self, path: str, kind: str) -> bool:
         """Return whether to report a problem: arrays of invisible prims are not read and may be
         broken."""
-        if kind == "mesh":
-            return self._index.meshes[path].is_seen
-        return kind != "field" or self._index.fields[path].is_seen
+        return kind not in ("mesh", "field") or self._rprim(path).is_seen
 
-    def _is_visible(self, path: str) -> bool:
-        """Return whether a field or a mesh is visible and has a drawn purpose."""
-        index = self._index
-        return (index.fields[path] if path in index.fields else index.meshes[path]).is_visible
+    def _rprim(self, path: str) -> Rprim:
+        fields = self._index.fields
+        return fields[path] if path in fields else self._index.meshes[path]
 
     def _appearances(self, path: str) -> tuple[Appearance, ...]:
         known = self._population
@@ -369,7 +370,7 @@ def _is_in(population: Population, path: str, kind: str) -> bool:
     prims = {
         "field": population.fields,
         "crops": population.fields,
-        "hints": population.fields,
+        "values": population.fields,
         "mesh": population.meshes,
         "instancer": population.instancers,
         "camera": population.cameras,

@@ -7,9 +7,9 @@ those on prims that are no part of a simulation.
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterator
+from collections.abc import Container, Iterable, Iterator
 
-from pxr import Usd
+from pxr import Sdf, Usd
 
 from usdsplat import schema
 from usdsplat.core.findings import Finding, finding
@@ -27,6 +27,7 @@ KNOWN = frozenset(usd_names()) | {
 }
 """Names of properties of all our schemas but those of simulations."""
 
+GRADES = schema.GRADE_ATTRIBUTES
 CROPS = (tokens.CROP_INCLUDE, tokens.CROP_EXCLUDE)
 
 
@@ -42,7 +43,10 @@ def unknown_names(prim: Usd.Prim) -> Iterator[Finding]:
             yield _unknown(prim, name, sorted(KNOWN))
         elif name.startswith("collection:"):
             collection, _, rest = name.removeprefix("collection:").partition(":")
-            if schema.is_splat_field(prim) and collection not in CROPS:
+            near = schema.is_splat_field(prim) or difflib.get_close_matches(
+                collection, CROPS, 1, 0.8
+            )
+            if near and collection not in CROPS:
                 yield _unknown(prim, name, [f"collection:{each}:{rest}" for each in CROPS])
         elif name.startswith(SIMULATION) and not _is_simulated(prim, names):
             yield finding(
@@ -51,6 +55,31 @@ def unknown_names(prim: Usd.Prim) -> Iterator[Finding]:
                 "an unknown property",
                 "it on a SplatSim prim or an affector",
             )
+
+
+def inheritable(prim: Usd.Prim) -> list[tuple[Usd.Prim, str]]:
+    """Return (prim, property) of a grade and of each crop collection of a prim, which apply to it
+    and to fields below it."""
+    found = [(prim, name) for name in prim.GetAuthoredPropertyNames() if name in GRADES]
+    crops = (f"collection:{name}" for name in CROPS)
+    return found[:1] + [
+        (prim, name) for name in crops if prim.GetAuthoredPropertiesInNamespace(name)
+    ]
+
+
+def without_fields(
+    found: Iterable[tuple[Usd.Prim, str]], above: Container[Sdf.Path]
+) -> Iterator[Finding]:
+    """Yield a finding for each pair of `inheritable` that applies to no field.
+
+    Args:
+        found: The pairs.
+        above: Paths of all fields and of the prims above them.
+    """
+    for prim, name in found:
+        if prim.GetPath() not in above:
+            expected = "a splat field at or below the prim"
+            yield finding("unused", f"{prim.GetPath()}.{name}", "no splat field", expected)
 
 
 def _unknown(prim: Usd.Prim, name: str, known: list[str]) -> Finding:

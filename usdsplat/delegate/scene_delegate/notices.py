@@ -18,6 +18,8 @@ from usdsplat.delegate.scene_delegate.names import DRAWING, KNOWN
 COLOR_SPACE = "colorSpace"
 ASSET_FIELDS = ("kind", "assetInfo")
 """Metadata from which the asset of a prim follows."""
+GRADE = "splat:grade:"
+"""Prefix of properties that fields inherit from their ancestors."""
 INHERITED = (BINDING, "primvars:", "skel:")
 """Prefixes of properties that meshes inherit from their ancestors."""
 
@@ -92,7 +94,10 @@ class NoticeListener:
         regrouped = path.name == "prototypes" or path.name.startswith("collection:")
         misspelt = new and path.name.startswith(DRAWING) and path.name not in KNOWN
         regrouped |= path.name.startswith(BINDING)
-        self._changes.structural |= regrouped or is_color_space(path.name) or colored or misspelt
+        graded = new and path.name.startswith(GRADE)  # it may be a field's, or have no effect
+        self._changes.structural |= (
+            graded or regrouped or is_color_space(path.name) or colored or misspelt
+        )
 
 
 def is_color_space(name: str) -> bool:

@@ -248,8 +248,11 @@ class _Reader:
         """Return an attribute of the product if authored, else of the settings."""
         prim = self._giver(name)
         value = prim.GetAttribute(name).Get(self._time)
-        blocked = value is None
-        return prim.GetPrimDefinition().GetAttributeFallbackValue(name) if blocked else value
+        fallback = prim.GetPrimDefinition().GetAttributeFallbackValue(name)
+        if value is not None and fallback is not None and not isinstance(value, type(fallback)):
+            found = f"a value of type {prim.GetAttribute(name).GetTypeName()}"
+            raise StageError(f"{prim.GetPath()}.{name}", found, "the schema's type")
+        return fallback if value is None else value
 
     def _giver(self, name: str) -> Usd.Prim:
         """Return the product if it authors an attribute, else the settings."""

@@ -5,15 +5,14 @@ from __future__ import annotations
 from pxr import Usd, UsdGeom
 
 from usdsplat.delegate.stage_info import StageInfo
-from usdsplat.schema.value_clips import clip_assets
+from usdsplat.schema.value_clips import clip_files
 
 
 def read_stage_info(stage: Usd.Stage, *, prims: tuple[str, ...]) -> StageInfo:
     """Return the rates, the unit and the files of a stage, and its drawable prims as given."""
     session = stage.GetSessionLayer()
+    # Without clips, which are used layers only once something was read from them.
     layers = [layer for layer in stage.GetUsedLayers(False) if layer != session]
-    has_clips = len(stage.GetUsedLayers()) > len(stage.GetUsedLayers(False))
-    clips = {asset.resolvedPath for _, asset in clip_assets(stage)} if has_clips else set()
     is_saved = all(layer.realPath and not layer.dirty for layer in layers)
     return StageInfo(
         frames_per_second=stage.GetFramesPerSecond(),
@@ -21,7 +20,7 @@ def read_stage_info(stage: Usd.Stage, *, prims: tuple[str, ...]) -> StageInfo:
         start=stage.GetStartTimeCode() if stage.HasAuthoredTimeCodeRange() else 0.0,
         meters_per_unit=UsdGeom.GetStageMetersPerUnit(stage),
         files=tuple(sorted({_file(layer.realPath) for layer in layers})) if is_saved else (),
-        clips=tuple(sorted(map(_file, clips - {""}))),
+        clips=tuple(sorted(set(map(_file, clip_files(stage))))),
         prims=prims,
     )
 

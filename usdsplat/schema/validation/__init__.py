@@ -27,7 +27,6 @@ __all__ = [
     "Finding",
     "broken_rules",
     "check_field",
-    "hint_findings",
     "splat_fields",
     "validate",
 ]
@@ -71,6 +70,16 @@ _OF_FORM: Sequence[Check] = (
     radiance.coefficients,
 )
 """Checks that depend on the storage form of a valid cloud and are fast."""
+
+
+_OF_DRAWN: Sequence[Check] = (
+    arrays.lengths,
+    arrays.opacities,
+    radiance.degree,
+    radiance.coefficients,
+    radiance.modes,
+)
+"""Checks of what is read for drawing."""
 
 
 def validate(
@@ -119,9 +128,16 @@ def check_field(
     ]
 
 
-def hint_findings(prim: Usd.Prim) -> list[Finding]:
-    """Return the findings on the rendering hints of a field, which do not change over time."""
-    return check_field(prim, (radiance.modes,), [Usd.TimeCode.Default()])
+def errors_of_drawn(prim: Usd.Prim, time: float | None) -> list[Finding]:
+    """Return the errors of a field's values that drawing it hides: unknown modes, short arrays,
+    opacities out of range. No attribute is read that drawing does not read.
+
+    Args:
+        prim: A field that can be read.
+        time: Time code; None for the default value or, without one, the first sample.
+    """
+    found = check_field(prim, _OF_DRAWN, [attributes.time_code(prim, time)])
+    return [finding for finding in found if finding.severity == "error"]
 
 
 def broken_rules(prim: Usd.Prim, time: float | None = None) -> list[str]:

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from pxr import Sdf, Usd
+from pxr import Sdf, Tf, Usd
 
 from usdsplat.core.findings import Finding, finding
 from usdsplat.core.readable import readable
@@ -21,7 +21,7 @@ def bake_findings(stage: Usd.Stage) -> Iterator[Finding]:
         if record is None:
             continue
         for path in layer.subLayerPaths:
-            if not Sdf.Layer.FindOrOpenRelativeToLayer(layer, path):
+            if not _is_layer(layer, path):
                 found = f"a bake without its layer {path}"
                 expected = f"the file beside {layer.GetDisplayName()}"
                 yield finding("no-results", "/", found, expected)
@@ -30,6 +30,14 @@ def bake_findings(stage: Usd.Stage) -> Iterator[Finding]:
             done = counted(int(record.get("completedFrames", 0)), "frame")
             found = f"{layer.GetDisplayName()}, an interrupted bake, with {done}"
             yield finding("unfinished-bake", "/", found, f"all from {first:g} to {last:g}")
+
+
+def _is_layer(layer: Sdf.Layer, path: str) -> bool:
+    """Return whether USD can read a sublayer."""
+    try:
+        return bool(Sdf.Layer.FindOrOpenRelativeToLayer(layer, path))
+    except Tf.ErrorException:
+        return False
 
 
 def is_unfinished(path: Path) -> bool:

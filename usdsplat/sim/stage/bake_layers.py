@@ -75,13 +75,17 @@ class BakeLayers:
         self._remove(_WORK if keeps_clips else (*_CLIPS, *_WORK))
 
     def discard(self) -> None:
-        """Remove the named layer, if it is that of an unfinished bake, and the folder."""
-        with suppress(OSError):
+        """Remove the named layer and the folder, unless they are complete: then only the error was
+        late, for example of synchronising with the disk."""
+        with suppress(OSError, Tf.ErrorException):
+            data = [self.folder / name for name in ("samples.usdc", "clips.usda")]
+            if any(path.exists() for path in data) and not is_unfinished(self.target):
+                self.end(keeps_clips=not data[0].exists())
+                return
             self._remove((*_CLIPS, *_WORK, "samples.usdc"))
             self.folder.rmdir()
-        with suppress(OSError, Tf.ErrorException):
-            if is_unfinished(self.target):
-                self.target.unlink()
+        with suppress(OSError):
+            self.target.unlink()
 
     def show_clips(self, spans: Sequence[tuple[float, float]], record: Mapping[str, Any]) -> None:
         """Write the named layer over the finished clips.

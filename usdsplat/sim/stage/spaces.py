@@ -10,7 +10,7 @@ from pxr import Usd, UsdGeom
 
 from usdsplat.core.cloud import F32, F64
 from usdsplat.core.errors import StageError
-from usdsplat.schema.stage_values import local_to_world, ops_of
+from usdsplat.schema.stage_values import local_to_world, ordered_ops
 
 UNIFORM = 1e-4
 """Relative spread of stretches up to which a scale counts as uniform: above the rounding of single
@@ -28,17 +28,14 @@ def to_world(prim: Usd.Prim, time: Usd.TimeCode) -> F64:
 
 def placing_times(prims: Iterable[Usd.Prim]) -> list[float]:
     """Return the time codes at which the transforms of these prims or their ancestors have a sample
-    or a spline knot.
-
-    Raises:
-        StageError: If one has a transform op that USD does not know.
-    """
+    or a spline knot."""
     times: set[float] = set()
     for prim in prims:
         while prim and not prim.IsPseudoRoot():
             if xformable := UsdGeom.Xformable(prim):
+                ops = ordered_ops(prim)  # raises an error for ops that USD does not know
                 times.update(xformable.GetTimeSamples())
-                for attribute in (op.GetAttr() for op in ops_of(prim)):
+                for attribute in (op.GetAttr() for op in ops):
                     if attribute.HasSpline():
                         times.update(attribute.GetSpline().GetKnots().keys())
             prim = prim.GetParent()

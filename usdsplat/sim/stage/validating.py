@@ -16,7 +16,7 @@ from usdsplat.sim.stage.findings import findings
 from usdsplat.sim.stage.recipe import recipes
 
 _MOST = 1000
-"""Largest number of times at which values are checked."""
+"""Largest number of times at which values are checked: the first ones, and the last."""
 
 
 def validate_simulations(stage: Usd.Stage, *, time: float | None = None) -> list[Finding]:
@@ -51,4 +51,5 @@ def _times(stage: Usd.Stage, prims: list[Usd.Prim]) -> list[float]:
         for attribute in prim.GetAuthoredAttributes():
             if attribute.GetName().startswith(f"{NAMESPACE}:"):
                 times.update(attribute.GetTimeSamples())
-    return sorted(times)[:_MOST]
+    found = sorted(times)
+    return found if len(found) <= _MOST else [*found[: _MOST - 1], found[-1]]

@@ -1,0 +1,338 @@
+"""Tests of converting fields of a stage and keeping what it composes."""
+
+from __future__ import annotations
+
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pxr import Sdf, Usd, UsdGeom
+
+from tests.interchange.samples import assert_same, capture
+from tests.schema.clouds import cloud
+from usdsplat import schema
+from usdsplat.core.edits import parsed
+from usdsplat.core.errors import StageError
+from usdsplat.interchange import import_capture, repack
+
+ASSET = """#usda 1.0
+(
+    defaultPrim = "T"
+    upAxis = "Y"
+    metersPerUnit = 1
+)
+def Xform "T" (
+    kind = "component"
+    assetInfo = {
+        string name = "tree"
+        string version = "7"
+    }
+    prepend references = @./field.usdc@
+    variants = {
+        string season = "summer"
+    }
+    prepend variantSets = "season"
+) {
+    variantSet "season" = {
+        "summer" {
+            over "F" {
+                float[] opacities = [0.5, 0.25, 1]
+            }
+        }
+        "winter" {
+            over "F" {
+                float[] opacities = [0.125, 0, 0.75]
+            }
+        }
+        "none" {
+            over "F" (
+                active = false
+            ) {
+            }
+        }
+    }
+}
+"""
+
+
+def asset(folder: Path) -> Path:
+    """An asset of three splats by reference, whose opacities depend on a variant."""
+    stage = Usd.Stage.CreateNew(str(folder / "field.usdc"))
+    stage.SetDefaultPrim(UsdGeom.Xform.Define(stage, "/T").GetPrim())
+    schema.author(stage, "/T/F", cloud(n=3))
+    stage.Save()
+    path = folder / "asset.usda"
+    path.write_text(ASSET)
+    return path
+
+
+OPEN: list[Usd.Stage] = []
+
+
+def opened(path: Path) -> Usd.Stage:
+    """The stage of a file, which stays open."""
+    OPEN.append(Usd.Stage.Open(str(path)))
+    return OPEN[-1]
+
+
+def selected(path: Path, where: str, **variants: str) -> Usd.Stage:
+    """The stage of a file with variants selected in the session layer."""
+    stage = opened(path)
+    with Usd.EditContext(stage, stage.GetSessionLayer()):
+        for name, variant in variants.items():
+            stage.GetPrimAtPath(where).GetVariantSet(name).SetVariantSelection(variant)
+    return stage
+
+
+@pytest.mark.parametrize("form", ["half", "packed"])
+def test_each_variant_is_that_of_the_flattened_stage(tmp_path: Path, form) -> None:
+    """Oracle: the clouds of the stage flattened with each variant selected, bit for bit; kind,
+    assetInfo, arcs and the names of variants as in the source, written to another folder."""
+    path, out = asset(tmp_path), tmp_path / "other" / "out.usda"
+    out.parent.mkdir()
+    report = repack(path, out, form=form)
+    assert (report.prim_paths, report.samples) == (("/T/F",), 3)
+    assert report.findings == ()
+    for season in ("summer", "winter"):
+        source = selected(path, "/T", season=season)
+        repack(source, tmp_path / f"{season}.usda", form=form, flatten=True)
+        flat = opened(tmp_path / f"{season}.usda")
+        found = selected(out, "/T", season=season)
+        assert schema.form_of(found.GetPrimAtPath("/T/F")) == form
+        assert_same(
+            schema.fetch(found.GetPrimAtPath("/T/F")), schema.fetch(flat.GetPrimAtPath("/T/F"))
+        )
+    model = opened(out).GetPrimAtPath("/T")
+    assert model.GetVariantSet("season").GetVariantNames() == ["none", "summer", "winter"]
+    assert model.GetVariantSet("season").GetVariantSelection() == "summer"
+    assert Usd.ModelAPI(model).GetKind() == "component"
+    assert dict(model.GetAssetInfo()) == {"name": "tree", "version": "7"}
+    (spec,) = model.GetPrimStack()[0].referenceList.prependedItems
+    assert spec.assetPath == "../field.usdc"
+    none = selected(out, "/T", season="none").GetPrimAtPath("/T/F")
+    assert not none.IsActive()
+
+
+def test_variants_of_a_referenced_asset_are_kept_in_the_shot(tmp_path: Path) -> None:
+    """Oracle: opacities as the asset states them in each variant of either of two references, and
+    the arcs of the shot; the asset's file stays as it is."""
+    path = asset(tmp_path)
+    before = path.read_bytes()
+    shot = Usd.Stage.CreateNew(str(tmp_path / "shot.usda"))
+    for name in ("A", "B"):
+        shot.DefinePrim(f"/{name}", "Xform").GetReferences().AddReference("./asset.usda")
+    shot.Save()
+    report = repack(tmp_path / "shot.usda", tmp_path / "out.usda", form="packed")
+    assert report.prim_paths == ("/A/F", "/B/F")
+    assert path.read_bytes() == before
+    expected = {"summer": [0.5, 0.25, 1], "winter": [0.125, 0, 0.75]}
+    for season, opacities in expected.items():
+        for name in ("A", "B"):
+            field = selected(tmp_path / "out.usda", f"/{name}", season=season).GetPrimAtPath(
+                f"/{name}/F"
+            )
+            assert schema.is_packed(field)
+            np.testing.assert_allclose(schema.fetch(field).opacities, opacities, atol=1 / 1022)
+
+
+def test_a_variant_set_without_data_stays_outside(tmp_path: Path) -> None:
+    """Oracle: one cloud is written, although the set of looks has two variants."""
+    stage = Usd.Stage.CreateNew(str(tmp_path / "a.usda"))
+    model = UsdGeom.Xform.Define(stage, "/M").GetPrim()
+    schema.author(stage, "/M/F", cloud(n=4))
+    looks = model.GetVariantSets().AddVariantSet("look")
+    for look in ("clean", "dirty"):
+        looks.AddVariant(look)
+        looks.SetVariantSelection(look)
+        with looks.GetVariantEditContext():
+            stage.GetPrimAtPath("/M/F").CreateAttribute("note", Sdf.ValueTypeNames.String).Set(look)
+    stage.Save()
+    report = repack(tmp_path / "a.usda", tmp_path / "b.usda", form="packed")
+    assert report.samples == 1
+    for look in ("clean", "dirty"):
+        field = selected(tmp_path / "b.usda", "/M", look=look).GetPrimAtPath("/M/F")
+        assert schema.is_packed(field)
+        assert field.GetAttribute("note").Get() == look
+        np.testing.assert_array_equal(schema.fetch(field).positions, cloud(n=4).positions)
+
+
+def test_a_field_that_only_one_variant_defines_appears_only_there(tmp_path: Path) -> None:
+    """Oracle: the prims of each variant in the source."""
+    stage = Usd.Stage.CreateNew(str(tmp_path / "a.usda"))
+    model = UsdGeom.Xform.Define(stage, "/M").GetPrim()
+    sets = model.GetVariantSets().AddVariantSet("detail")
+    for name in ("full", "empty"):
+        sets.AddVariant(name)
+    sets.SetVariantSelection("full")
+    with sets.GetVariantEditContext():
+        schema.author(stage, "/M/F", cloud(n=4))
+    sets.SetVariantSelection("empty")
+    stage.Save()
+    repack(tmp_path / "a.usda", tmp_path / "b.usda", form="half")
+    full = selected(tmp_path / "b.usda", "/M", detail="full").GetPrimAtPath("/M/F")
+    assert schema.form_of(full) == "half"
+    assert full.IsDefined()
+    assert not selected(tmp_path / "b.usda", "/M", detail="empty").GetPrimAtPath("/M/F")
+
+
+def test_a_field_of_two_sets_is_written_for_each_combination(tmp_path: Path) -> None:
+    """Oracle: the values that each combination has in the source."""
+    stage = Usd.Stage.CreateNew(str(tmp_path / "a.usda"))
+    model = UsdGeom.Xform.Define(stage, "/M").GetPrim()
+    group = UsdGeom.Xform.Define(stage, "/M/G").GetPrim()
+    first = cloud(n=2)
+    schema.author(stage, "/Base/F", first)
+    group.GetReferences().AddInternalReference("/Base")
+    stage.OverridePrim("/Base").SetSpecifier(Sdf.SpecifierClass)
+    for prim, name, values in (
+        (model, "place", {"left": ("positions", -1.0), "right": ("positions", 1.0)}),
+        (group, "alpha", {"thin": ("opacities", 0.25), "thick": ("opacities", 0.75)}),
+    ):
+        sets = prim.GetVariantSets().AddVariantSet(name)
+        for variant, (attribute, value) in values.items():
+            sets.AddVariant(variant)
+            sets.SetVariantSelection(variant)
+            with sets.GetVariantEditContext():
+                field = stage.GetPrimAtPath("/M/G/F").GetAttribute(attribute)
+                field.Set([(value, 0, 0)] * 2 if attribute == "positions" else [value] * 2)
+    stage.Save()
+    report = repack(tmp_path / "a.usda", tmp_path / "b.usda", form="packed")
+    assert report.samples == 5  # four combinations, and the class
+    for place, x in (("left", -1), ("right", 1)):
+        for alpha, opacity in (("thin", 0.25), ("thick", 0.75)):
+            found = selected(tmp_path / "b.usda", "/M", place=place)
+            with Usd.EditContext(found, found.GetSessionLayer()):
+                found.GetPrimAtPath("/M/G").GetVariantSet("alpha").SetVariantSelection(alpha)
+            seen = schema.fetch(found.GetPrimAtPath("/M/G/F"))
+            assert schema.is_packed(found.GetPrimAtPath("/M/G/F"))
+            np.testing.assert_array_equal(seen.positions[:, 0], [x, x])
+            np.testing.assert_allclose(seen.opacities, opacity, atol=1 / 1022)
+
+
+def test_a_field_in_instances_of_a_file_is_a_finding(tmp_path: Path) -> None:
+    """Oracle: the finding and its cure; flattening converts the field."""
+    path = asset(tmp_path)
+    shot = Usd.Stage.CreateNew(str(tmp_path / "shot.usda"))
+    for name in ("A", "B"):
+        prim = shot.DefinePrim(f"/{name}", "Xform")
+        prim.GetReferences().AddReference(f"./{path.name}")
+        prim.SetInstanceable(True)
+    shot.Save()
+    (missed,) = repack(tmp_path / "shot.usda", tmp_path / "b.usda", form="packed").findings
+    assert (missed.code, missed.path) == ("not-converted", "/A/F")
+    assert "--flatten" in missed.cure
+    flat = repack(tmp_path / "shot.usda", tmp_path / "c.usda", form="packed", flatten=True)
+    assert (flat.findings, flat.samples) == ((), 1)
+
+
+def test_local_data_above_variants_in_a_sublayer_is_a_finding(tmp_path: Path) -> None:
+    """Oracle: USD's order of strength: local opinions of any sublayer hide variants of the root."""
+    path = asset(tmp_path)
+    over = Sdf.Layer.CreateNew(str(tmp_path / "over.usda"))
+    spec = Sdf.CreatePrimInLayer(over, "/T/F")
+    spec.typeName = schema.tokens.STOCK_TYPE
+    Sdf.AttributeSpec(spec, "scales", Sdf.ValueTypeNames.Float3Array).default = [(1, 1, 1)] * 3
+    over.Save()
+    layer = Sdf.Layer.FindOrOpen(str(path))
+    layer.subLayerPaths.append("./over.usda")
+    layer.Save()
+    (missed,) = repack(path, tmp_path / "b.usda", form="packed").findings
+    assert (missed.code, missed.path) == ("not-converted", "/T/F")
+
+
+def test_samples_over_a_referenced_default_value_can_be_read_at_any_time(tmp_path: Path) -> None:
+    """Oracle: the clouds of the source at the default time and at each sample."""
+    stage = Usd.Stage.CreateNew(str(tmp_path / "field.usdc"))
+    stage.SetDefaultPrim(UsdGeom.Xform.Define(stage, "/T").GetPrim())
+    schema.author(stage, "/T/F", cloud(3, n=7))
+    for time in (1, 2):
+        moved = replace(cloud(n=4), positions=cloud(n=4).positions + np.float32(time))
+        schema.author(stage, "/T/F", moved, time=time)
+    stage.Save()
+    shot = Usd.Stage.CreateNew(str(tmp_path / "shot.usda"))
+    shot.DefinePrim("/A", "Xform").GetReferences().AddReference("./field.usdc")
+    shot.Save()
+    repack(tmp_path / "shot.usda", tmp_path / "b.usdc", form="packed")
+    out = Usd.Stage.Open(str(tmp_path / "b.usdc"))
+    for time in (None, 1, 2):
+        found = schema.fetch(out.GetPrimAtPath("/A/F"), time)
+        expected = schema.fetch(shot.GetPrimAtPath("/A/F"), time)
+        np.testing.assert_array_equal(found.positions, expected.positions)
+
+
+def test_a_package_holds_what_it_refers_to(tmp_path: Path) -> None:
+    """Oracle: the fields and variants of the package in a folder of its own."""
+    path = asset(tmp_path)
+    repack(path, tmp_path / "b.usdz", form="packed")
+    (tmp_path / "alone").mkdir()
+    shutil.move(tmp_path / "b.usdz", tmp_path / "alone" / "b.usdz")
+    path.unlink()
+    (tmp_path / "field.usdc").unlink()
+    for season, first in (("summer", 0.5), ("winter", 0.125)):
+        stage = selected(tmp_path / "alone" / "b.usdz", "/T", season=season)
+        field = stage.GetPrimAtPath("/T/F")
+        assert schema.is_packed(field)
+        assert stage.GetCompositionErrors() == []
+        assert schema.fetch(field).opacities[0] == pytest.approx(first, abs=1 / 1022)
+
+
+def test_the_identifier_of_an_import_becomes_that_of_the_target(tmp_path: Path) -> None:
+    """Oracle: an import writes its own file's name; the converted file is another one."""
+    import_capture(capture(tmp_path), tmp_path / "tree.usdc")
+    repack(tmp_path / "tree.usdc", tmp_path / "packed.usda", form="packed")
+    model = opened(tmp_path / "packed.usda").GetPrimAtPath("/tree")
+    assert model.GetAssetInfo()["identifier"].path == "./packed.usda"
+
+
+def test_an_edited_field_is_edited_once(tmp_path: Path) -> None:
+    """Oracle: the scale, also through an internal reference to the edited field."""
+    stage = Usd.Stage.CreateNew(str(tmp_path / "a.usda"))
+    schema.author(stage, "/A/F", cloud(n=3))
+    stage.DefinePrim("/B", "Xform").GetReferences().AddInternalReference("/A")
+    stage.Save()
+    repack(tmp_path / "a.usda", tmp_path / "b.usda", form="float", edits=[parsed("scale", "2")])
+    out = Usd.Stage.Open(str(tmp_path / "b.usda"))
+    for path in ("/A/F", "/B/F"):
+        found = schema.fetch(out.GetPrimAtPath(path))
+        np.testing.assert_allclose(found.positions, 2 * cloud(n=3).positions, rtol=1e-6)
+
+
+def test_too_many_variants_are_refused(tmp_path: Path) -> None:
+    """Oracle: the documented error: 65 combinations."""
+    stage = Usd.Stage.CreateNew(str(tmp_path / "a.usda"))
+    model = UsdGeom.Xform.Define(stage, "/M").GetPrim()
+    schema.author(stage, "/M/F", cloud(n=1))
+    sets = model.GetVariantSets().AddVariantSet("many")
+    for number in range(65):
+        sets.AddVariant(f"v{number}")
+    with pytest.raises(StageError, match="--flatten"):
+        repack(stage, tmp_path / "b.usda", form="packed")
+    assert repack(stage, tmp_path / "b.usda", form="packed", flatten=True).samples == 1
+
+
+def test_a_stage_with_an_op_that_usd_does_not_know_is_converted(tmp_path: Path) -> None:
+    """Oracle: the arrays; the op stays as authored, and bounds that cannot be computed too."""
+    import_capture(capture(tmp_path), tmp_path / "tree.usda")
+    stage = Usd.Stage.Open(str(tmp_path / "tree.usda"))
+    field = stage.GetPrimAtPath("/tree/splats")
+    UsdGeom.Xformable(field).GetXformOpOrderAttr().Set(["xformOp:wrong"])
+    stage.Save()
+    repack(stage, tmp_path / "packed.usda", form="packed")
+    found = opened(tmp_path / "packed.usda").GetPrimAtPath("/tree/splats")
+    assert schema.is_packed(found)
+    assert list(found.GetAttribute("xformOpOrder").Get()) == ["xformOp:wrong"]
+    before = schema.fetch(field).positions
+    np.testing.assert_array_equal(schema.fetch(found).positions, before)
+
+
+@pytest.mark.wrong_stages  # USD's validators raise errors for such a name
+def test_names_of_any_text_can_be_identifiers(tmp_path: Path) -> None:
+    """Oracle: an asset path has no line break; the files can be read."""
+    import_capture(capture(tmp_path), tmp_path / "a\nb.usdc")
+    repack(tmp_path / "a\nb.usdc", tmp_path / "c\nd.usdc", form="packed")
+    for name in ("a\nb.usdc", "c\nd.usdc"):
+        stage = opened(tmp_path / name)
+        identifier = stage.GetDefaultPrim().GetAssetInfo()["identifier"].path
+        assert identifier.isprintable()

@@ -1,0 +1,85 @@
+"""Keep the asset paths of a layer valid in a copy that is written to another folder."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from pxr import Sdf, UsdUtils
+
+from usdsplat.core.text import shown
+
+_CLIPS = "clips"
+_TEMPLATE = "templateAssetPath"
+"""Pattern of the files of value clips: a string, which USD does not treat as an asset path."""
+
+
+def make_absolute(copy: Sdf.Layer, source: Sdf.Layer) -> set[str]:
+    """Replace the relative asset paths of a copy by absolute ones.
+
+    Args:
+        copy: A copy of `source` without a file.
+        source: The layer that the paths are relative to. Paths in a layer without a file stay.
+
+    Returns:
+        The paths that were replaced.
+    """
+    replaced = set()
+
+    def absolute(path: str) -> str:
+        if not path or path.startswith("anon:") or os.path.isabs(path):
+            return path
+        found = str(Sdf.ComputeAssetPathRelativeToLayer(source, path))
+        if not os.path.isabs(found):
+            return path
+        replaced.add(found)
+        return found
+
+    if not source.anonymous:
+        _modify(copy, absolute)
+    return replaced
+
+
+def make_relative(layer: Sdf.Layer, absolute: set[str], *, source: str, target: Path) -> None:
+    """Replace absolute asset paths by ones that are relative to a target file.
+
+    Args:
+        layer: The layer, which will be written to `target`.
+        absolute: The paths to replace; others stay.
+        source: File that the layer was copied from: paths to it become paths to `target`.
+        target: File that the layer will be written to. Paths of a package stay absolute but for
+            those to itself, because packing copies the files.
+    """
+    folder = os.path.abspath(target.parent)
+
+    def relative(path: str) -> str:
+        if path not in absolute:
+            return path
+        if path == source:
+            return f"./{shown(target.name)}"
+        if target.suffix.lower() == ".usdz":
+            return path
+        found = os.path.relpath(path, folder)
+        return found if found.startswith("..") else f"./{found}"
+
+    _modify(layer, relative)
+
+
+def _modify(layer: Sdf.Layer, change: Callable[[str], str]) -> None:
+    """Apply a function to all asset paths of a layer, patterns of value clips included."""
+    UsdUtils.ModifyAssetPaths(layer, change, True)
+
+    def visit(path: Sdf.Path) -> None:
+        is_prim = path.IsPrimPath() or path.IsPrimVariantSelectionPath()
+        spec = layer.GetPrimAtPath(path) if is_prim else None
+        if spec is None or not spec.HasInfo(_CLIPS):
+            return
+        sets: dict[str, Any] = dict(spec.GetInfo(_CLIPS))
+        for name, values in sets.items():
+            if isinstance(values, dict) and isinstance(values.get(_TEMPLATE), str):
+                sets[name] = {**values, _TEMPLATE: change(values[_TEMPLATE])}
+        spec.SetInfo(_CLIPS, sets)
+
+    layer.Traverse(Sdf.Path.absoluteRootPath, visit)
