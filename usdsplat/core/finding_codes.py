@@ -160,6 +160,12 @@ CODES: dict[str, Code] = {
         "request the other AOVs with a flat product",
         "the others are left out",
     ),
+    "unsupported-name": Code(
+        "note",
+        "a RenderVar names channels otherwise than usdsplat does",
+        "rename the channels in compositing, or author sourceName",
+        "the channels have the names of the AOV",
+    ),
     "png-aovs": Code(
         "warning",
         "a PNG holds only color",
@@ -171,6 +177,12 @@ CODES: dict[str, Code] = {
         "the variable OCIO names a config, but a picture for displays has no OCIO view",
         "give --view or --bake-view, or author splat:ocioView",
         "the picture has plain sRGB, because the variable does not ask for a view",
+    ),
+    "unused-view": Code(
+        "note",
+        "an OCIO view or config is named for a picture that is not drawn through a view",
+        "give --bake-view, or --color-mode inverseView",
+        "it has no effect",
     ),
     "product-metadata": Code(
         "warning",
