@@ -188,7 +188,7 @@ def _check_view(settings: RenderSettings, *, is_from_variable: bool) -> None:
     try:
         view_of(settings)
     except UsageError as error:
-        if is_from_variable and error.where == "--config":
+        if is_from_variable and error.where == "ocio_config":
             raise UsageError("$OCIO", error.found, error.expected) from None
         raise
 
