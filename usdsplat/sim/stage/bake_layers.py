@@ -75,17 +75,24 @@ class BakeLayers:
         self._remove(_WORK if keeps_clips else (*_CLIPS, *_WORK))
 
     def discard(self) -> None:
-        """Remove the named layer and the folder, unless they are complete: then only the error was
-        late, for example of synchronising with the disk."""
-        with suppress(OSError, Tf.ErrorException):
-            data = [self.folder / name for name in ("samples.usdc", "clips.usda")]
-            if any(path.exists() for path in data) and not is_unfinished(self.target):
-                self.end(keeps_clips=not data[0].exists())
-                return
+        """Remove an unfinished named layer and the folder. Complete ones stay: then only the error
+        was late, for example of synchronising with the disk. So does a named layer of an earlier
+        bake that this one has not replaced."""
+        try:
+            is_ours = is_unfinished(self.target)
+        except (OSError, Tf.ErrorException):
+            is_ours = False  # damaged by another program: what a bake puts in place is complete
+        data = [self.folder / name for name in ("samples.usdc", "clips.usda")]
+        if not is_ours and any(map(os.path.exists, data)):
+            with suppress(OSError):
+                self.end(keeps_clips=not os.path.exists(data[0]))
+            return
+        with suppress(OSError):
             self._remove((*_CLIPS, *_WORK, "samples.usdc"))
             self.folder.rmdir()
-        with suppress(OSError):
-            self.target.unlink()
+        if is_ours:
+            with suppress(OSError):
+                self.target.unlink()
 
     def show_clips(self, spans: Sequence[tuple[float, float]], record: Mapping[str, Any]) -> None:
         """Write the named layer over the finished clips.
