@@ -32,6 +32,7 @@ from usdsplat.core.output import output_group
 from usdsplat.core.readable import check_referable
 from usdsplat.schema import tokens
 from usdsplat.schema.usd_files import export_layer
+from usdsplat.schema.value_clips import stage_files
 from usdsplat.sim.stage.bake_findings import is_unfinished
 from usdsplat.sim.stage.plan import Plan
 from usdsplat.sim.stage.provenance import nested
@@ -179,9 +180,9 @@ class BakeLayers:
         if root.anonymous or not root.realPath:
             raise StageError(root.identifier, "a stage without a file", "a saved one")
         check_referable(root.realPath)
-        used = {Path(layer.realPath) for layer in self._stage.GetUsedLayers() if layer.realPath}
+        used = map(Path, stage_files(self._stage))
         if self.target.resolve() in {path.resolve() for path in used}:
-            raise StageError(str(self.target), "a layer of the stage itself", "another name")
+            raise StageError(str(self.target), "a file of the stage itself", "another name")
         if not self.target.parent.is_dir():
             found = os.strerror(errno.ENOENT)
             raise OutputError(str(self.folder), found, "a folder that can be made")

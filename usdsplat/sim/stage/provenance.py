@@ -13,10 +13,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pxr import Ar, Sdf, Usd, Vt
+from pxr import Sdf, Usd, Vt
 
 from usdsplat import __version__
 from usdsplat.core.errors import StageError
+from usdsplat.schema.value_clips import clip_files, file_of, layers_without_clips
 from usdsplat.sim.parameters import NAMESPACE
 from usdsplat.sim.stage.recipe import UNGUARDED
 
@@ -127,7 +128,8 @@ def input_hash(
     *,
     reading: AbstractContextManager[Any] = UNGUARDED,
 ) -> tuple[str, ...]:
-    """Return SHA-256 of every layer that a stage is made of, "hash  path" each, sorted by path.
+    """Return SHA-256 of every layer that a stage is made of, value clips included, "hash  path"
+    each, sorted by path.
 
     Args:
         stage: Layers on disk count as files, edits in memory as text.
@@ -139,11 +141,12 @@ def input_hash(
     skipped = set(without)
     with reading:
         root = Path(stage.GetRootLayer().realPath or ".").parent
-        for layer in stage.GetUsedLayers():
+        files.update(map(Path, clip_files(stage)))
+        for layer in layers_without_clips(stage):
             if layer.identifier in skipped:
                 continue
             if layer.realPath and not layer.dirty:
-                files.add(Path(Ar.SplitPackageRelativePathOuter(layer.realPath)[0]))
+                files.add(Path(file_of(layer.realPath)))
             elif not layer.empty:
                 digest = hashlib.sha256(layer.ExportToString().encode()).hexdigest()
                 lines.append((layer.GetDisplayName(), digest))
