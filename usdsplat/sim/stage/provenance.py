@@ -23,6 +23,13 @@ from usdsplat.sim.stage.recipe import UNGUARDED
 
 KEY = ("usdsplat", "bake")
 """Key in customData and customLayerData, "usdsplat:bake" in USD's spelling."""
+_TYPES: dict[str, type] = {
+    "completedFrames": int,
+    "frameRange": Vt.DoubleArray,
+    "inputHash": Vt.StringArray,
+    "checkpoint": str,
+}
+"""Types of the entries of a record that are used for more than a comparison."""
 _PREFIXES = (f"{NAMESPACE}:", f"primvars:{NAMESPACE}:", f"collection:{NAMESPACE}")
 
 
@@ -158,11 +165,21 @@ def input_hash(
 
 
 def read_record(layer: Sdf.Layer) -> Mapping[str, Any] | None:
-    """Return the record in a bake's root layer, or None."""
+    """Return the record in a bake's root layer, or None; see `well_typed`."""
     entry: Any = layer.customLayerData
     for key in KEY:
         entry = entry.get(key) if isinstance(entry, Mapping) else None
-    return entry if isinstance(entry, Mapping) else None
+    return well_typed(entry) if isinstance(entry, Mapping) else None
+
+
+def well_typed(record: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a record without entries of other types than `Provenance.record` writes."""
+    return {
+        key: value
+        for key, value in record.items()
+        if isinstance(value, _TYPES.get(key, object))
+        and (key != "frameRange" or (len(value) == 2 and np.isfinite(value).all()))
+    }
 
 
 def nested(record: Mapping[str, Any]) -> dict[str, Any]:
