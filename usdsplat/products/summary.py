@@ -153,11 +153,11 @@ def _of_bake(record: dict[str, Any]) -> dict[str, Any]:
     it lacks are None."""
     known = well_typed(record)
     span, done = known.get("frameRange"), known.get("completedFrames")
-    is_counted = span is not None and done is not None
+    total = None if span is None else f"{span[1] - span[0] + 1:g}"
     return {
         "mode": known.get("mode"),
         "frames": None if span is None else list(span),
-        "completed": f"{done} of {span[1] - span[0] + 1:g}" if is_counted else None,
+        "completed": None if done is None or total is None else f"{done} of {total}",
         "resumes_from": known.get("checkpoint"),
         "substeps": known.get("substeps"),
         "seed": known.get("seed"),

@@ -179,7 +179,8 @@ class BakeLayers:
         root = self._stage.GetRootLayer()
         if root.anonymous or not root.realPath:
             raise StageError(root.identifier, "a stage without a file", "a saved one")
-        check_referable(root.realPath)
+        for path in (root.realPath, self.folder):
+            check_referable(path, self.target.parent)
         used = map(Path, stage_files(self._stage))
         if self.target.resolve() in {path.resolve() for path in used}:
             raise StageError(str(self.target), "a file of the stage itself", "another name")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import importlib.metadata
+import math
 import os
 import platform
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -174,12 +175,13 @@ def read_record(layer: Sdf.Layer) -> Mapping[str, Any] | None:
 
 def well_typed(record: Mapping[str, Any]) -> dict[str, Any]:
     """Return a record without entries of other types than `Provenance.record` writes."""
-    return {
-        key: value
-        for key, value in record.items()
-        if isinstance(value, _TYPES.get(key, object))
-        and (key != "frameRange" or (len(value) == 2 and np.isfinite(value).all()))
+    known: dict[str, Any] = {
+        key: value for key, value in record.items() if isinstance(value, _TYPES.get(key, object))
     }
+    span = list(known.get("frameRange", ()))
+    if len(span) != 2 or not all(map(math.isfinite, span)):
+        known.pop("frameRange", None)
+    return known
 
 
 def nested(record: Mapping[str, Any]) -> dict[str, Any]:
