@@ -6,6 +6,7 @@ import os
 from pathlib import Path
 
 import pytest
+from pxr import Sdf, Tf
 
 from usdsplat.core.errors import StageError
 from usdsplat.core.readable import check_referable, readable
@@ -42,6 +43,18 @@ def test_another_name_is_a_link_with_its_neighbours_beside_it(folder: Path) -> N
     assert readable(folder / STRANGE) == name
     with pytest.raises(StageError, match=r"bad.xff\.usda: found a name that is not UTF-8"):
         check_referable(name)
+
+
+@pytest.mark.parametrize("character", ["\n", "\x7f", "\x85"])
+def test_a_name_with_a_control_character_cannot_be_referred_to(character: str) -> None:
+    """Oracle: the asset paths that USD accepts; a folder above both is not in a relative path."""
+    with pytest.raises(Tf.ErrorException):
+        Sdf.AssetPath(f"./a{character}.usda")
+    with pytest.raises(StageError, match=r"^/b/a\\.*\.usda: found a name with a control character"):
+        check_referable(f"/b/a{character}.usda", "/c")
+    check_referable(f"/a{character}/b.usda", f"/a{character}")
+    with pytest.raises(StageError, match="control character"):
+        check_referable(f"/a{character}/b.usda")
 
 
 def test_a_folder_with_another_name_is_a_link_too(folder: Path) -> None:

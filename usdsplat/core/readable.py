@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import atexit
 import os
+import unicodedata
 from contextlib import ExitStack, suppress
 from pathlib import Path
 
@@ -36,12 +37,25 @@ def readable(path: Path | str) -> str:
     return _links[full]
 
 
-def check_referable(path: Path | str) -> None:
-    """Check that a file may refer to `path`, which is no link of this process.
+def check_referable(path: Path | str, folder: Path | str | None = None) -> None:
+    """Check that a layer may refer to a file.
+
+    Args:
+        path: Its path.
+        folder: Folder of the layer, which refers to the file by its relative path; None if it does
+            by its whole path.
 
     Raises:
-        StageError: If it is.
+        StageError: If the path is a link of this process, or has control characters, which USD does
+            not allow.
     """
+    name = str(path)
+    if folder is not None:
+        with suppress(ValueError):  # another drive
+            name = os.path.relpath(path, folder)
+    if any(unicodedata.category(each) == "Cc" for each in name):
+        found = "a name with a control character"
+        raise StageError(str(path), found, "a name that another layer can refer to")
     for full, link in _links.items():
         if str(path) == link:
             found = "a name that is not UTF-8"

@@ -301,7 +301,8 @@ def _save(grades: Sdf.Layer, stage: Usd.Stage, target: Path) -> None:
     for key in ROOT_METADATA:
         if root.pseudoRoot.HasInfo(key):
             layer.pseudoRoot.SetInfo(key, root.pseudoRoot.GetInfo(key))
-    check_referable(root.realPath)
-    path = os.path.relpath(root.realPath, os.path.realpath(target.parent))
+    folder = os.path.realpath(target.parent)
+    check_referable(root.realPath, folder)
+    path = os.path.relpath(root.realPath, folder)
     layer.subLayerPaths.append(Path(path).as_posix() if path[0] == "." else f"./{path}")
     save(layer, target)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import importlib.metadata
+import math
 import os
 import platform
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -13,15 +14,23 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pxr import Ar, Sdf, Usd, Vt
+from pxr import Sdf, Usd, Vt
 
 from usdsplat import __version__
 from usdsplat.core.errors import StageError
+from usdsplat.schema.value_clips import clip_files, file_of, layers_without_clips
 from usdsplat.sim.parameters import NAMESPACE
 from usdsplat.sim.stage.recipe import UNGUARDED
 
 KEY = ("usdsplat", "bake")
 """Key in customData and customLayerData, "usdsplat:bake" in USD's spelling."""
+_TYPES: dict[str, type] = {
+    "completedFrames": int,
+    "frameRange": Vt.DoubleArray,
+    "inputHash": Vt.StringArray,
+    "checkpoint": str,
+}
+"""Types of the entries of a record that are used for more than a comparison."""
 _PREFIXES = (f"{NAMESPACE}:", f"primvars:{NAMESPACE}:", f"collection:{NAMESPACE}")
 
 
@@ -127,7 +136,8 @@ def input_hash(
     *,
     reading: AbstractContextManager[Any] = UNGUARDED,
 ) -> tuple[str, ...]:
-    """Return SHA-256 of every layer that a stage is made of, "hash  path" each, sorted by path.
+    """Return SHA-256 of every layer that a stage is made of, value clips included, "hash  path"
+    each, sorted by path.
 
     Args:
         stage: Layers on disk count as files, edits in memory as text.
@@ -139,11 +149,12 @@ def input_hash(
     skipped = set(without)
     with reading:
         root = Path(stage.GetRootLayer().realPath or ".").parent
-        for layer in stage.GetUsedLayers():
+        files.update(map(Path, clip_files(stage)))
+        for layer in layers_without_clips(stage):
             if layer.identifier in skipped:
                 continue
             if layer.realPath and not layer.dirty:
-                files.add(Path(Ar.SplitPackageRelativePathOuter(layer.realPath)[0]))
+                files.add(Path(file_of(layer.realPath)))
             elif not layer.empty:
                 digest = hashlib.sha256(layer.ExportToString().encode()).hexdigest()
                 lines.append((layer.GetDisplayName(), digest))
@@ -155,11 +166,22 @@ def input_hash(
 
 
 def read_record(layer: Sdf.Layer) -> Mapping[str, Any] | None:
-    """Return the record in a bake's root layer, or None."""
+    """Return the record in a bake's root layer, or None; see `well_typed`."""
     entry: Any = layer.customLayerData
     for key in KEY:
         entry = entry.get(key) if isinstance(entry, Mapping) else None
-    return entry if isinstance(entry, Mapping) else None
+    return well_typed(entry) if isinstance(entry, Mapping) else None
+
+
+def well_typed(record: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a record without entries of other types than `Provenance.record` writes."""
+    known: dict[str, Any] = {
+        key: value for key, value in record.items() if isinstance(value, _TYPES.get(key, object))
+    }
+    span = list(known.get("frameRange", ()))
+    if len(span) != 2 or not all(map(math.isfinite, span)):
+        known.pop("frameRange", None)
+    return known
 
 
 def nested(record: Mapping[str, Any]) -> dict[str, Any]:
