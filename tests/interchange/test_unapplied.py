@@ -37,7 +37,7 @@ def found(stage: Usd.Stage) -> list[tuple[str, str]]:
 def test_only_what_acts_is_a_finding(stage) -> None:
     """Oracle: a neutral grade and a crop without members change nothing."""
     schema.author_grade(stage.GetPrimAtPath("/World/A"), exposure=0.0)
-    crop(stage, "/World")
+    crop(stage, "/World", "/Missing")
     assert found(stage) == []
     schema.author_grade(stage.GetPrimAtPath("/World/A"), exposure=1.0)
     assert found(stage) == [("/World/A", "a grade")]

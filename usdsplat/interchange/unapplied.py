@@ -40,7 +40,14 @@ def is_cropped(prim: Usd.Prim) -> bool:
     while prim and not prim.IsPseudoRoot():
         for name in (schema.tokens.CROP_INCLUDE, schema.tokens.CROP_EXCLUDE):
             is_authored = bool(prim.GetAuthoredPropertiesInNamespace(f"collection:{name}"))
-            if is_authored and not Usd.CollectionAPI(prim, name).HasNoIncludedPaths():
+            if is_authored and _has_members(Usd.CollectionAPI(prim, name)):
                 return True
         prim = prim.GetParent()
     return False
+
+
+def _has_members(collection: Usd.CollectionAPI) -> bool:
+    """Return whether prims of the stage are in a collection."""
+    query = collection.ComputeMembershipQuery()
+    stage = collection.GetPrim().GetStage()
+    return bool(Usd.CollectionAPI.ComputeIncludedPaths(query, stage))
