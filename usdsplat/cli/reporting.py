@@ -152,7 +152,7 @@ def library_messages(reporter: Reporter) -> Iterator[None]:
             for each in warned:
                 where = f"{each.filename}:{each.lineno}"
                 text = f"{each.category.__name__}: {each.message}"
-                findings.add(finding("python-warning", where, text, "no warning"))
+                findings.add(finding("python-warning", where, text, "no warning", attribute=""))
 
 
 class _Known:
