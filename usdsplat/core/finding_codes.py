@@ -375,6 +375,13 @@ CODES: dict[str, Code] = {
         "convert with --flatten, or convert the file that has the field",
         "it keeps its form",
     ),
+    "not-applied": Code(
+        "warning",
+        "a field that is written to a capture has a grade or a crop",
+        "apply the crop with --crop-box or --crop-sphere, and grade in another application; or "
+        "convert to a stage, which keeps both",
+        "it is not applied",
+    ),
     "assumed-space": Code(
         "note",
         "a reference picture does not name its colour space",

@@ -153,7 +153,8 @@ def _assumptions(request: MatchRequest, plate: Plate | None) -> tuple[Finding, .
     if plate is None or plate.space_source != "assumed":
         return ()
     expected = f"--reference-space; {plate.space} is assumed"
-    return (finding("assumed-space", str(request.reference), "no colour space", expected),)
+    where = str(request.reference)
+    return (finding("assumed-space", where, "no colour space", expected, attribute=""),)
 
 
 def _camera(engine: Engine, name: str | None) -> str:

@@ -17,6 +17,7 @@ from usdsplat.formats import Capture
 from usdsplat.interchange import provenance
 from usdsplat.interchange.axes_choice import choose_axes, with_axes
 from usdsplat.interchange.frame_guess import guess_frame
+from usdsplat.interchange.unapplied import is_cropped, is_graded
 from usdsplat.schema.proxy import points_of
 from usdsplat.schema.stage_values import up_axis
 from usdsplat.schema.validation import splat_fields
@@ -125,6 +126,8 @@ def _of_field(prim: Usd.Prim, time: float | None) -> dict[str, Any]:
         "rasterize_mode": schema.rasterize_mode(prim),
         "projection_mode": schema.projection_mode(prim),
         "sorting_mode": schema.sorting_mode(prim),
+        "graded": is_graded(prim, time),
+        "cropped": is_cropped(prim),
         "purpose": str(imageable.ComputePurpose()),
         "provenance": _plain(origin),
         "bake": _of_bake(bake) if bake and isinstance(bake, dict) else None,
