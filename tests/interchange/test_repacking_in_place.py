@@ -10,80 +10,12 @@ import numpy as np
 import pytest
 from pxr import Sdf, Usd, UsdGeom
 
+from tests.interchange.assets import asset, opened, selected
 from tests.interchange.samples import assert_same, capture
 from tests.schema.clouds import cloud
 from usdsplat import schema
 from usdsplat.core.edits import parsed
-from usdsplat.core.errors import StageError
 from usdsplat.interchange import import_capture, repack
-
-ASSET = """#usda 1.0
-(
-    defaultPrim = "T"
-    upAxis = "Y"
-    metersPerUnit = 1
-)
-def Xform "T" (
-    kind = "component"
-    assetInfo = {
-        string name = "tree"
-        string version = "7"
-    }
-    prepend references = @./field.usdc@
-    variants = {
-        string season = "summer"
-    }
-    prepend variantSets = "season"
-) {
-    variantSet "season" = {
-        "summer" {
-            over "F" {
-                float[] opacities = [0.5, 0.25, 1]
-            }
-        }
-        "winter" {
-            over "F" {
-                float[] opacities = [0.125, 0, 0.75]
-            }
-        }
-        "none" {
-            over "F" (
-                active = false
-            ) {
-            }
-        }
-    }
-}
-"""
-
-
-def asset(folder: Path) -> Path:
-    """An asset of three splats by reference, whose opacities depend on a variant."""
-    stage = Usd.Stage.CreateNew(str(folder / "field.usdc"))
-    stage.SetDefaultPrim(UsdGeom.Xform.Define(stage, "/T").GetPrim())
-    schema.author(stage, "/T/F", cloud(n=3))
-    stage.Save()
-    path = folder / "asset.usda"
-    path.write_text(ASSET)
-    return path
-
-
-OPEN: list[Usd.Stage] = []
-
-
-def opened(path: Path) -> Usd.Stage:
-    """The stage of a file, which stays open."""
-    OPEN.append(Usd.Stage.Open(str(path)))
-    return OPEN[-1]
-
-
-def selected(path: Path, where: str, **variants: str) -> Usd.Stage:
-    """The stage of a file with variants selected in the session layer."""
-    stage = opened(path)
-    with Usd.EditContext(stage, stage.GetSessionLayer()):
-        for name, variant in variants.items():
-            stage.GetPrimAtPath(where).GetVariantSet(name).SetVariantSelection(variant)
-    return stage
 
 
 @pytest.mark.parametrize("form", ["half", "packed"])
@@ -135,80 +67,6 @@ def test_variants_of_a_referenced_asset_are_kept_in_the_shot(tmp_path: Path) -> 
             )
             assert schema.is_packed(field)
             np.testing.assert_allclose(schema.fetch(field).opacities, opacities, atol=1 / 1022)
-
-
-def test_a_variant_set_without_data_stays_outside(tmp_path: Path) -> None:
-    """Oracle: one cloud is written, although the set of looks has two variants."""
-    stage = Usd.Stage.CreateNew(str(tmp_path / "a.usda"))
-    model = UsdGeom.Xform.Define(stage, "/M").GetPrim()
-    schema.author(stage, "/M/F", cloud(n=4))
-    looks = model.GetVariantSets().AddVariantSet("look")
-    for look in ("clean", "dirty"):
-        looks.AddVariant(look)
-        looks.SetVariantSelection(look)
-        with looks.GetVariantEditContext():
-            stage.GetPrimAtPath("/M/F").CreateAttribute("note", Sdf.ValueTypeNames.String).Set(look)
-    stage.Save()
-    report = repack(tmp_path / "a.usda", tmp_path / "b.usda", form="packed")
-    assert report.samples == 1
-    for look in ("clean", "dirty"):
-        field = selected(tmp_path / "b.usda", "/M", look=look).GetPrimAtPath("/M/F")
-        assert schema.is_packed(field)
-        assert field.GetAttribute("note").Get() == look
-        np.testing.assert_array_equal(schema.fetch(field).positions, cloud(n=4).positions)
-
-
-def test_a_field_that_only_one_variant_defines_appears_only_there(tmp_path: Path) -> None:
-    """Oracle: the prims of each variant in the source."""
-    stage = Usd.Stage.CreateNew(str(tmp_path / "a.usda"))
-    model = UsdGeom.Xform.Define(stage, "/M").GetPrim()
-    sets = model.GetVariantSets().AddVariantSet("detail")
-    for name in ("full", "empty"):
-        sets.AddVariant(name)
-    sets.SetVariantSelection("full")
-    with sets.GetVariantEditContext():
-        schema.author(stage, "/M/F", cloud(n=4))
-    sets.SetVariantSelection("empty")
-    stage.Save()
-    repack(tmp_path / "a.usda", tmp_path / "b.usda", form="half")
-    full = selected(tmp_path / "b.usda", "/M", detail="full").GetPrimAtPath("/M/F")
-    assert schema.form_of(full) == "half"
-    assert full.IsDefined()
-    assert not selected(tmp_path / "b.usda", "/M", detail="empty").GetPrimAtPath("/M/F")
-
-
-def test_a_field_of_two_sets_is_written_for_each_combination(tmp_path: Path) -> None:
-    """Oracle: the values that each combination has in the source."""
-    stage = Usd.Stage.CreateNew(str(tmp_path / "a.usda"))
-    model = UsdGeom.Xform.Define(stage, "/M").GetPrim()
-    group = UsdGeom.Xform.Define(stage, "/M/G").GetPrim()
-    first = cloud(n=2)
-    schema.author(stage, "/Base/F", first)
-    group.GetReferences().AddInternalReference("/Base")
-    stage.OverridePrim("/Base").SetSpecifier(Sdf.SpecifierClass)
-    for prim, name, values in (
-        (model, "place", {"left": ("positions", -1.0), "right": ("positions", 1.0)}),
-        (group, "alpha", {"thin": ("opacities", 0.25), "thick": ("opacities", 0.75)}),
-    ):
-        sets = prim.GetVariantSets().AddVariantSet(name)
-        for variant, (attribute, value) in values.items():
-            sets.AddVariant(variant)
-            sets.SetVariantSelection(variant)
-            with sets.GetVariantEditContext():
-                field = stage.GetPrimAtPath("/M/G/F").GetAttribute(attribute)
-                field.Set([(value, 0, 0)] * 2 if attribute == "positions" else [value] * 2)
-    stage.Save()
-    report = repack(tmp_path / "a.usda", tmp_path / "b.usda", form="packed")
-    assert report.samples == 5  # four combinations, and the class
-    for place, x in (("left", -1), ("right", 1)):
-        for alpha, opacity in (("thin", 0.25), ("thick", 0.75)):
-            found = selected(tmp_path / "b.usda", "/M", place=place)
-            with Usd.EditContext(found, found.GetSessionLayer()):
-                found.GetPrimAtPath("/M/G").GetVariantSet("alpha").SetVariantSelection(alpha)
-            seen = schema.fetch(found.GetPrimAtPath("/M/G/F"))
-            assert schema.is_packed(found.GetPrimAtPath("/M/G/F"))
-            np.testing.assert_array_equal(seen.positions[:, 0], [x, x])
-            np.testing.assert_allclose(seen.opacities, opacity, atol=1 / 1022)
 
 
 def test_a_field_in_instances_of_a_file_is_a_finding(tmp_path: Path) -> None:
@@ -299,17 +157,25 @@ def test_an_edited_field_is_edited_once(tmp_path: Path) -> None:
         np.testing.assert_allclose(found.positions, 2 * cloud(n=3).positions, rtol=1e-6)
 
 
-def test_too_many_variants_are_refused(tmp_path: Path) -> None:
-    """Oracle: the documented error: 65 combinations."""
-    stage = Usd.Stage.CreateNew(str(tmp_path / "a.usda"))
-    model = UsdGeom.Xform.Define(stage, "/M").GetPrim()
-    schema.author(stage, "/M/F", cloud(n=1))
-    sets = model.GetVariantSets().AddVariantSet("many")
-    for number in range(65):
-        sets.AddVariant(f"v{number}")
-    with pytest.raises(StageError, match="--flatten"):
-        repack(stage, tmp_path / "b.usda", form="packed")
-    assert repack(stage, tmp_path / "b.usda", form="packed", flatten=True).samples == 1
+def test_a_layer_is_searched_once_for_all_fields(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Oracle: as many traversals for nine fields as for three; converting takes linear time."""
+    counts: list[int] = []
+    traverse = Sdf.Layer.Traverse
+    for fields in (3, 9):
+        stage = Usd.Stage.CreateNew(str(tmp_path / f"a{fields}.usda"))
+        for number in range(fields):
+            schema.author(stage, f"/W/F{number}", cloud(n=1))
+        calls: list[str] = []
+        monkeypatch.setattr(
+            Sdf.Layer,
+            "Traverse",
+            lambda self, *given, calls=calls: (calls.append("called"), traverse(self, *given)),
+        )
+        assert repack(stage, tmp_path / f"b{fields}.usda", form="packed").samples == fields
+        counts.append(len(calls))
+    assert counts[0] == counts[1] > 0
 
 
 def test_a_stage_with_an_op_that_usd_does_not_know_is_converted(tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ from pxr import Sdf, Usd, UsdGeom
 
 from usdsplat import schema
 from usdsplat.core.errors import StageError
-from usdsplat.interchange.field_writing import FieldWriter, forget_data, restored_specifiers
+from usdsplat.interchange.field_writing import FieldWriter, remove_data, restored_specifiers
 
 
 def flattened(stage: Usd.Stage, where: str, writer: FieldWriter) -> Sdf.Layer:
@@ -34,7 +34,7 @@ def flattened(stage: Usd.Stage, where: str, writer: FieldWriter) -> Sdf.Layer:
     writer.expect(sum(len(writer.times(prim)) for prim in changed))
     for prim in changed:
         if writer.edits and schema.sample_times(prim):
-            forget_data(after, prim.GetPath())
+            remove_data(after, [prim.GetPath()])
         with restored_specifiers(after, prim.GetPath()):
             writer.write(prim, new, writer.times(prim))
     for prim in fields:
