@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -15,6 +16,7 @@ from tests.interchange.samples import assert_same, capture
 from tests.schema.clouds import cloud
 from usdsplat import schema
 from usdsplat.core.edits import parsed
+from usdsplat.core.errors import StageError
 from usdsplat.interchange import import_capture, repack
 
 
@@ -202,3 +204,55 @@ def test_names_of_any_text_can_be_identifiers(tmp_path: Path) -> None:
         stage = opened(tmp_path / name)
         identifier = stage.GetDefaultPrim().GetAssetInfo()["identifier"].path
         assert identifier.isprintable()
+
+
+@pytest.fixture
+def strange(tmp_path: Path) -> Path:
+    """A stage whose name is not UTF-8, with a reference to a field and a texture."""
+    field = Usd.Stage.CreateNew(str(tmp_path / "bot.usdc"))
+    field.SetDefaultPrim(UsdGeom.Xform.Define(field, "/T").GetPrim())
+    schema.author(field, "/T/F", cloud(n=3))
+    field.Save()
+    shot = Usd.Stage.CreateNew(str(tmp_path / "v.usda"))
+    prim = shot.DefinePrim("/A", "Xform")
+    prim.GetReferences().AddReference("./bot.usdc")
+    prim.CreateAttribute("texture", Sdf.ValueTypeNames.Asset).Set("./missing/x.png")
+    shot.Save()
+    path = tmp_path / os.fsdecode(b"v\xff.usda")
+    try:
+        shutil.move(tmp_path / "v.usda", path)
+    except OSError:
+        pytest.skip("the file system takes UTF-8 only")
+    return path
+
+
+def test_paths_are_beside_a_file_whose_name_is_not_utf_8(strange: Path) -> None:
+    """Oracle: the paths as authored, beside the file; absolute ones if the stage is flattened."""
+    out = strange.with_name("out.usda")
+    repack(strange, out, form="packed")
+    prim = opened(out).GetPrimAtPath("/A")
+    (spec,) = prim.GetPrimStack()[0].referenceList.prependedItems
+    assert spec.assetPath == "./bot.usdc"
+    assert prim.GetAttribute("texture").Get().path == "./missing/x.png"
+    below = strange.parent / "below" / "out.usda"
+    below.parent.mkdir()
+    repack(strange, below, form="packed")
+    (spec,) = opened(below).GetPrimAtPath("/A").GetPrimStack()[0].referenceList.prependedItems
+    assert spec.assetPath == "../bot.usdc"
+    flat = strange.with_name("flat.usda")
+    repack(strange, flat, form="packed", flatten=True)
+    found = opened(flat).GetPrimAtPath("/A").GetAttribute("texture").Get().path
+    assert found == str(strange.parent / "missing" / "x.png")
+
+
+def test_a_path_that_is_not_utf_8_is_refused(strange: Path) -> None:
+    """Oracle: the documented error: USD writes asset paths in UTF-8."""
+    folder = strange.parent / os.fsdecode(b"d\xff")
+    folder.mkdir()
+    for name in (strange.name, "bot.usdc"):
+        shutil.copy(strange.with_name(name), folder / name)
+    with pytest.raises(StageError, match="not UTF-8"):
+        repack(folder / strange.name, strange.with_name("out.usda"), form="packed")
+    repack(folder / strange.name, strange.with_name("out.usda"), form="packed", flatten=True)
+    (prim,) = opened(strange.with_name("out.usda")).GetPrimAtPath("/A").GetPrimStack()
+    assert prim.attributes["texture"].default.path == str(strange.parent / "d\\xff/missing/x.png")

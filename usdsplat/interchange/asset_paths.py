@@ -9,6 +9,8 @@ from typing import Any
 
 from pxr import Sdf, UsdUtils
 
+from usdsplat.core.errors import StageError
+from usdsplat.core.readable import is_utf8, original
 from usdsplat.core.text import shown
 
 _CLIPS = "clips"
@@ -45,12 +47,17 @@ def make_absolute(copy: Sdf.Layer, source: Sdf.Layer) -> set[str]:
 def make_relative(layer: Sdf.Layer, absolute: set[str], *, source: str, target: Path) -> None:
     """Replace absolute asset paths by ones that are relative to a target file.
 
+    Paths beside a link of `core.readable` become those beside the file that is linked.
+
     Args:
         layer: The layer, which will be written to `target`.
         absolute: The paths to replace; others stay.
         source: File that the layer was copied from: paths to it become paths to `target`.
         target: File that the layer will be written to. Paths of a package stay absolute but for
             those to itself, because packing copies the files.
+
+    Raises:
+        StageError: If the path of a file is not UTF-8, in which USD writes paths.
     """
     folder = os.path.abspath(target.parent)
 
@@ -61,15 +68,34 @@ def make_relative(layer: Sdf.Layer, absolute: set[str], *, source: str, target: 
             return f"./{shown(target.name)}"
         if target.suffix.lower() == ".usdz":
             return path
-        found = os.path.relpath(path, folder)
+        found = os.path.relpath(original(path), folder)
         return found if found.startswith("..") else f"./{found}"
 
     _modify(layer, relative)
 
 
+def replace_links(layer: Sdf.Layer) -> None:
+    """Replace absolute paths of links of `core.readable` by those of the linked files, in which
+    bytes that are not UTF-8 are escaped."""
+    _modify(layer, lambda path: shown(original(path)) if original(path) != path else path)
+
+
 def _modify(layer: Sdf.Layer, change: Callable[[str], str]) -> None:
-    """Apply a function to all asset paths of a layer, patterns of value clips included."""
-    UsdUtils.ModifyAssetPaths(layer, change, True)
+    """Apply a function to all asset paths of a layer, patterns of value clips included.
+
+    Raises:
+        StageError: If it returns a path that is not UTF-8.
+    """
+    wrong: list[str] = []
+
+    def changed(path: str) -> str:
+        found = change(path)
+        if is_utf8(found):
+            return found
+        wrong.append(found)
+        return path
+
+    UsdUtils.ModifyAssetPaths(layer, changed, True)
 
     def visit(path: Sdf.Path) -> None:
         is_prim = path.IsPrimPath() or path.IsPrimVariantSelectionPath()
@@ -79,7 +105,10 @@ def _modify(layer: Sdf.Layer, change: Callable[[str], str]) -> None:
         sets: dict[str, Any] = dict(spec.GetInfo(_CLIPS))
         for name, values in sets.items():
             if isinstance(values, dict) and isinstance(values.get(_TEMPLATE), str):
-                sets[name] = {**values, _TEMPLATE: change(values[_TEMPLATE])}
+                sets[name] = {**values, _TEMPLATE: changed(values[_TEMPLATE])}
         spec.SetInfo(_CLIPS, sets)
 
     layer.Traverse(Sdf.Path.absoluteRootPath, visit)
+    if wrong:
+        expected = "a name that a layer can refer to"
+        raise StageError(wrong[0], "a name that is not UTF-8", expected)

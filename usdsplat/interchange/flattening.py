@@ -6,6 +6,8 @@ from pxr import Sdf, Usd, UsdGeom
 
 from usdsplat import schema
 from usdsplat.core.errors import StageError
+from usdsplat.core.readable import original
+from usdsplat.interchange.asset_paths import replace_links
 from usdsplat.interchange.field_writing import FieldWriter, remove_data, restored_specifiers
 
 
@@ -24,6 +26,8 @@ def flattened(stage: Usd.Stage, where: str, writer: FieldWriter) -> Sdf.Layer:
         StageError: If the stage has no splat field.
     """
     before = stage.Flatten(addSourceFileComment=False)
+    if any(original(layer.realPath) != layer.realPath for layer in stage.GetUsedLayers()):
+        replace_links(before)
     after = Sdf.Layer.CreateAnonymous(".usda")
     after.TransferContent(before)
     old, new = Usd.Stage.Open(before), Usd.Stage.Open(after)

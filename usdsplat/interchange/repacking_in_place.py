@@ -37,7 +37,8 @@ def converted_root(
         writer: Converts the fields.
 
     Raises:
-        StageError: If the stage has no splat field, or a field too many variants.
+        StageError: If the stage has no splat field, a field has too many variants, or the stage
+            refers to a file whose path is not UTF-8.
     """
     root = stage.GetRootLayer()
     after = Sdf.Layer.CreateAnonymous(".usda")
