@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from pxr import Usd, UsdGeom
 
+from tests.formats.samples import random_cloud
 from usdsplat import formats, schema
 
 
@@ -247,3 +248,19 @@ def test_cameras_come_along_with_edits_that_move(run, capture, tmp_path):
     camera = stage.GetPrimAtPath("/ball/cameras/a")
     place = UsdGeom.Xformable(camera).ComputeLocalToWorldTransform(0).ExtractTranslation()
     np.testing.assert_allclose(place, (2, 0, 8), atol=1e-6)
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_variants_are_counted_if_a_field_depends_on_them(run, tmp_path, count):
+    """Oracle: the number of variants with their own data."""
+    stage = Usd.Stage.CreateNew(str(tmp_path / "a.usda"))
+    sets = stage.DefinePrim("/M", "Xform").GetVariantSets().AddVariantSet("lod")
+    for name in ("few", "many")[:count]:
+        sets.AddVariant(name)
+        sets.SetVariantSelection(name)
+        with sets.GetVariantEditContext():
+            schema.author(stage, "/M/F", random_cloud(4, 0, seed=1))
+    stage.Save()
+    status, out, _ = run("convert", tmp_path / "a.usda", tmp_path / "b.usda", "--packed")
+    expected = {1: "1 field, 1 sample, 4 splats", 2: "1 field in 2 variants, 2 samples, 8 splats"}
+    assert (status, out) == (0, f"{tmp_path}/b.usda: {expected[count]}, now packed\n")
