@@ -256,3 +256,56 @@ def test_a_path_that_is_not_utf_8_is_refused(strange: Path) -> None:
     repack(folder / strange.name, strange.with_name("out.usda"), form="packed", flatten=True)
     (prim,) = opened(strange.with_name("out.usda")).GetPrimAtPath("/A").GetPrimStack()
     assert prim.attributes["texture"].default.path == str(strange.parent / "d\\xff/missing/x.png")
+
+
+EXPRESSIONS = """#usda 1.0
+(
+    expressionVariables = {
+        string X = "bot"
+    }
+    subLayers = [
+        @`"./${X}_lights.usda"`@ (offset = 3)
+    ]
+)
+
+def Xform "A" (
+    prepend references = [@`"./${X}.usdc"`@, @./more.usda@]
+)
+{
+    asset texture = @`"./${X}.png"`@
+    asset moving.timeSamples = {
+        1: @`"./${X}.1.png"`@,
+    }
+}
+"""
+
+
+def test_asset_paths_with_variables_stay_beside_the_source(tmp_path: Path) -> None:
+    """Oracle: the paths as authored; in another folder, the files that they mean, with a note."""
+    for name in ("bot.usdc", "bot_lights.usda", "more.usda"):
+        stage = Usd.Stage.CreateNew(str(tmp_path / name))
+        stage.SetDefaultPrim(UsdGeom.Xform.Define(stage, "/T").GetPrim())
+        if name == "bot.usdc":
+            schema.author(stage, "/T/F", cloud(n=3))
+        stage.Save()
+    (tmp_path / "a.usda").write_text(EXPRESSIONS)
+    report = repack(tmp_path / "a.usda", tmp_path / "b.usda", form="packed")
+    assert (report.prim_paths, report.notes) == (("/A/F",), ())
+    source, out = (Sdf.Layer.FindOrOpen(str(tmp_path / name)) for name in ("a.usda", "b.usda"))
+    assert list(out.subLayerPaths) == list(source.subLayerPaths)
+    assert out.subLayerOffsets[0] == source.subLayerOffsets[0]
+    for path, key in (
+        ("/A", "references"),
+        ("/A.texture", "default"),
+        ("/A.moving", "timeSamples"),
+    ):
+        found, expected = (each.GetObjectAtPath(path).GetInfo(key) for each in (out, source))
+        assert found == expected
+    assert opened(tmp_path / "b.usda").GetCompositionErrors() == []
+    below = tmp_path / "below" / "b.usda"
+    below.parent.mkdir()
+    (note,) = repack(tmp_path / "a.usda", below, form="packed").notes
+    assert note.startswith("asset paths with variables were evaluated")
+    assert opened(below).GetCompositionErrors() == []
+    assert opened(below).GetRootLayer().subLayerOffsets[0] == Sdf.LayerOffset(3)
+    assert opened(below).GetPrimAtPath("/A").GetAttribute("texture").Get().path == "../bot.png"

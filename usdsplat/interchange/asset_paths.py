@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,8 @@ from usdsplat.core.text import shown
 _CLIPS = "clips"
 _TEMPLATE = "templateAssetPath"
 """Pattern of the files of value clips: a string, which USD does not treat as an asset path."""
+_WITHOUT_PATHS = {"subLayerOffsets", "customData", "documentation", "comment"}
+"""Metadata that has no asset paths, or whose paths are not searched for expressions."""
 
 
 def make_absolute(copy: Sdf.Layer, source: Sdf.Layer) -> set[str]:
@@ -31,7 +34,7 @@ def make_absolute(copy: Sdf.Layer, source: Sdf.Layer) -> set[str]:
     replaced = set()
 
     def absolute(path: str) -> str:
-        if not path or path.startswith("anon:") or os.path.isabs(path):
+        if not path or path.startswith("anon:") or os.path.isabs(path) or _is_expression(path):
             return path
         found = str(Sdf.ComputeAssetPathRelativeToLayer(source, path))
         if not os.path.isabs(found):
@@ -80,6 +83,67 @@ def replace_links(layer: Sdf.Layer) -> None:
     _modify(layer, lambda path: shown(original(path)) if original(path) != path else path)
 
 
+Expressions = list[tuple[Sdf.Path, str, Any]]
+"""Values with asset paths that are expressions: (path, field, value) of specs."""
+
+
+def expressions(layer: Sdf.Layer) -> Expressions:
+    """Return the values with asset paths that are expressions, those in custom data excepted.
+
+    USD evaluates such paths where `make_absolute` and `make_relative` replace paths.
+    """
+    found: Expressions = []
+
+    def visit(path: Sdf.Path) -> None:
+        spec = layer.GetObjectAtPath(path)
+        if spec is None:
+            return
+        keys = set(spec.ListInfoKeys()) - _WITHOUT_PATHS
+        if path.IsPropertyPath() and not _holds_paths(spec):
+            keys -= {"default", "timeSamples"}
+        found.extend((path, key, spec.GetInfo(key)) for key in keys if _has_expression(spec, key))
+
+    layer.Traverse(Sdf.Path.absoluteRootPath, visit)
+    return found
+
+
+def restore(layer: Sdf.Layer, values: Expressions) -> None:
+    """Write values that `expressions` returned again."""
+    for path, key, value in values:
+        if key == "subLayers":
+            with _kept_offsets(layer):
+                layer.subLayerPaths = value
+        elif key == "timeSamples":
+            for time, sample in value.items():
+                layer.SetTimeSample(path, time, sample)
+        else:
+            layer.GetObjectAtPath(path).SetInfo(key, value)
+
+
+def _holds_paths(spec: Sdf.PropertySpec) -> bool:
+    """Return whether the values of a property are asset paths."""
+    kinds = (Sdf.ValueTypeNames.Asset, Sdf.ValueTypeNames.AssetArray)
+    return isinstance(spec, Sdf.AttributeSpec) and spec.typeName in kinds
+
+
+def _has_expression(spec: Sdf.Spec, key: str) -> bool:
+    """Return whether the text of a value has the mark of an expression."""
+    return "`" in str(spec.GetInfo(key))
+
+
+@contextmanager
+def _kept_offsets(layer: Sdf.Layer) -> Iterator[None]:
+    """Restore the time offsets of sublayers, which USD removes where it replaces their paths."""
+    offsets = list(layer.subLayerOffsets)
+    yield
+    for place, offset in enumerate(offsets):
+        layer.subLayerOffsets[place] = offset
+
+
+def _is_expression(path: str) -> bool:
+    return bool(Sdf.VariableExpression.IsExpression(path))
+
+
 def _modify(layer: Sdf.Layer, change: Callable[[str], str]) -> None:
     """Apply a function to all asset paths of a layer, patterns of value clips included.
 
@@ -95,7 +159,8 @@ def _modify(layer: Sdf.Layer, change: Callable[[str], str]) -> None:
         wrong.append(found)
         return path
 
-    UsdUtils.ModifyAssetPaths(layer, changed, True)
+    with _kept_offsets(layer):
+        UsdUtils.ModifyAssetPaths(layer, changed, True)
 
     def visit(path: Sdf.Path) -> None:
         is_prim = path.IsPrimPath() or path.IsPrimVariantSelectionPath()

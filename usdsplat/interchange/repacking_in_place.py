@@ -6,6 +6,7 @@ changes their data. References, payloads, sublayers and asset information stay a
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Sequence, Set
 from pathlib import Path
 
@@ -14,7 +15,8 @@ from pxr import Sdf, Usd
 from usdsplat import schema
 from usdsplat.core.errors import StageError
 from usdsplat.core.findings import Finding, finding
-from usdsplat.interchange.asset_paths import make_absolute, make_relative
+from usdsplat.core.readable import original
+from usdsplat.interchange.asset_paths import expressions, make_absolute, make_relative, restore
 from usdsplat.interchange.field_variants import (
     FieldVariants,
     Selection,
@@ -22,6 +24,8 @@ from usdsplat.interchange.field_variants import (
     select,
 )
 from usdsplat.interchange.field_writing import FieldWriter, remove_data, restored_specifiers
+
+_EVALUATED = "asset paths with variables were evaluated, because the file is in another folder"
 
 
 def converted_root(
@@ -43,6 +47,10 @@ def converted_root(
     root = stage.GetRootLayer()
     after = Sdf.Layer.CreateAnonymous(".usda")
     after.TransferContent(root)
+    kept = expressions(after)
+    if kept and not _is_beside(root, target):
+        kept.clear()
+        writer.notes[_EVALUATED] = None
     absolute = make_absolute(after, root)
     old, new = _opened(stage, root), _opened(stage, after)
     fields = field_variants(old)
@@ -69,6 +77,7 @@ def converted_root(
     shown = [old.GetPrimAtPath(each.path) for each in fields]
     writer.note_color_spaces([prim for prim in shown if prim and schema.is_splat_field(prim)])
     make_relative(after, absolute, source=root.realPath, target=target)
+    restore(after, kept)
     return after, findings
 
 
@@ -91,6 +100,14 @@ def _opened(stage: Usd.Stage, root: Sdf.Layer) -> Usd.Stage:
     found = Usd.Stage.Open(root, session, stage.GetPathResolverContext())
     found.MuteAndUnmuteLayers(stage.GetMutedLayers(), [])
     return found
+
+
+def _is_beside(root: Sdf.Layer, target: Path) -> bool:
+    """Return whether relative paths mean the same in a root layer and in a target file."""
+    if root.anonymous:
+        return True
+    folder = os.path.realpath(os.path.dirname(original(root.realPath)))
+    return folder == os.path.realpath(target.parent) and target.suffix.lower() != ".usdz"
 
 
 def _clouds(field: FieldVariants, stage: Usd.Stage, writer: FieldWriter) -> int:
