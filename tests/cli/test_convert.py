@@ -9,6 +9,7 @@ import pytest
 from pxr import Usd, UsdGeom
 
 from tests.cli.conftest import ball
+from tests.formats.samples import random_cloud
 from usdsplat import formats, schema
 
 
@@ -283,3 +284,19 @@ def test_strict_writes_no_stage_with_a_field_that_keeps_its_form(run, tmp_path):
     assert status == 1 and "[not-converted]" in err
     assert not (tmp_path / "out.usda").exists()
     assert run(*argv)[0] == 0 and (tmp_path / "out.usda").exists()
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_variants_are_counted_if_a_field_depends_on_them(run, tmp_path, count):
+    """Oracle: the number of variants with their own data."""
+    stage = Usd.Stage.CreateNew(str(tmp_path / "a.usda"))
+    sets = stage.DefinePrim("/M", "Xform").GetVariantSets().AddVariantSet("lod")
+    for name in ("few", "many")[:count]:
+        sets.AddVariant(name)
+        sets.SetVariantSelection(name)
+        with sets.GetVariantEditContext():
+            schema.author(stage, "/M/F", random_cloud(4, 0, seed=1))
+    stage.Save()
+    status, out, _ = run("convert", tmp_path / "a.usda", tmp_path / "b.usda", "--packed")
+    expected = {1: "1 field, 1 sample, 4 splats", 2: "1 field in 2 variants, 2 samples, 8 splats"}
+    assert (status, out) == (0, f"{tmp_path}/b.usda: {expected[count]}, now packed\n")

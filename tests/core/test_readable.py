@@ -9,7 +9,7 @@ import pytest
 from pxr import Sdf, Tf
 
 from usdsplat.core.errors import StageError
-from usdsplat.core.readable import check_referable, readable
+from usdsplat.core.readable import check_referable, original, readable
 
 pytestmark = pytest.mark.wrong_stages  # they hold a few bytes that are no layer
 
@@ -80,3 +80,16 @@ def test_a_missing_file_is_missing_under_its_new_name_too(folder: Path) -> None:
     name = readable(folder / os.fsdecode(b"none\xff.usda"))
     name.encode("utf-8")
     assert not Path(name).exists()
+
+
+def test_the_original_of_a_link_and_of_names_beside_it(folder: Path) -> None:
+    """Oracle: the names in the folder that is linked, also of files that do not exist."""
+    strange = folder / os.fsdecode(b"d\xff")
+    strange.mkdir()
+    (strange / "a.usda").write_bytes(b"inside")
+    for asked in (folder / STRANGE, strange / "a.usda"):
+        assert original(readable(asked)) == str(asked)
+    link = Path(readable(folder / STRANGE))
+    for name in ("plain.usda", "none.usda", "none/texture.png"):
+        assert original(str(link.parent / name)) == str(folder / name)
+    assert original(str(folder / "plain.usda")) == str(folder / "plain.usda")

@@ -170,6 +170,8 @@ def _told(report: Report) -> str:
         return "\n".join([*lines, *(f"  note   {note}" for note in report.notes)])
     if isinstance(report, RepackReport):
         found = counted(len(report.prim_paths), "field")
+        if report.variants > len(report.prim_paths):
+            found += f" in {counted(report.variants, 'variant')}"
         samples, splats = counted(report.samples, "sample"), counted(report.splats, "splat")
         changed = f"{found}, {samples}, {splats}, now {report.form}"
         as_it_was = f"no field changed, all are {report.form}"

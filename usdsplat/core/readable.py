@@ -13,6 +13,8 @@ from usdsplat.core.scratch import scratch_folder
 from usdsplat.core.text import shown
 
 _links: dict[str, str] = {}
+_folders: dict[str, str] = {}
+"""Folder of links -> the folder that they are for."""
 _REFERRING = (".usd", ".usda", ".usdc", ".ocio")
 """Suffixes of files that refer to others and are read by C++ libraries."""
 
@@ -27,7 +29,7 @@ def readable(path: Path | str) -> str:
     exist either.
     """
     text = str(path)
-    if _is_utf8(text):
+    if is_utf8(text):
         return text
     full = os.path.abspath(text)
     if not os.path.exists(full):
@@ -35,6 +37,20 @@ def readable(path: Path | str) -> str:
     if full not in _links:
         _links[full] = _linked(full)
     return _links[full]
+
+
+def original(path: str) -> str:
+    """Return the file or folder for which a name is a link of this process; else `path`.
+
+    Names beside a link, and below a linked folder, are mapped too, whether the file exists or not.
+    """
+    for folder, parent in _folders.items():
+        if path.startswith(folder + os.sep):
+            first, *rest = path[len(folder) + 1 :].split(os.sep)
+            link = os.path.join(folder, first)
+            beside = os.path.join(parent, first)
+            return os.path.join(os.readlink(link) if os.path.islink(link) else beside, *rest)
+    return path
 
 
 def check_referable(path: Path | str, folder: Path | str | None = None) -> None:
@@ -62,13 +78,23 @@ def check_referable(path: Path | str, folder: Path | str | None = None) -> None:
             raise StageError(full, found, "a name that another layer can refer to")
 
 
+def is_utf8(text: str) -> bool:
+    """Return whether a name can be encoded in UTF-8."""
+    try:
+        text.encode("utf-8")
+    except UnicodeEncodeError:
+        return False
+    return True
+
+
 def _linked(full: str) -> str:
     """Return a link to a file whose folder or name is not UTF-8."""
     parent, name = os.path.split(full)
-    if _is_utf8(name):
+    if is_utf8(name):
         return os.path.join(readable(parent), name)
     folder = ExitStack()
     place = folder.enter_context(scratch_folder())
+    _folders[str(place)] = parent
     atexit.register(folder.close)
     has_references = os.path.splitext(name)[1].lower() in _REFERRING
     siblings = os.listdir(parent) if has_references and os.path.isfile(full) else []
@@ -80,12 +106,4 @@ def _linked(full: str) -> str:
 
 def _plain(name: str) -> str:
     """Return a name in UTF-8. USD takes the backslash of an escape for a separator of folders."""
-    return name if _is_utf8(name) else shown(name).replace("\\", "_")
-
-
-def _is_utf8(text: str) -> bool:
-    try:
-        text.encode("utf-8")
-    except UnicodeEncodeError:
-        return False
-    return True
+    return name if is_utf8(name) else shown(name).replace("\\", "_")

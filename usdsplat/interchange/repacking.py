@@ -71,6 +71,7 @@ def repack(
         source=_name(source),
         target=str(path),
         prim_paths=tuple(writer.paths),
+        variants=writer.variants,
         samples=writer.samples,
         splats=writer.splats,
         form=form,
