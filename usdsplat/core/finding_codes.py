@@ -271,7 +271,7 @@ CODES: dict[str, Code] = {
     "unfinished-bake": Code(
         "error",
         "a bake was interrupted, and lacks frames",
-        "continue it with simulate --resume, or bake it again with --force",
+        "continue it with simulate --resume and the same --set, or bake it again with --force",
     ),
     "left-out-of-simulation": Code(
         "warning",

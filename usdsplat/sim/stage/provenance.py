@@ -24,10 +24,13 @@ from usdsplat.sim.stage.recipe import UNGUARDED
 
 KEY = ("usdsplat", "bake")
 """Key in customData and customLayerData, "usdsplat:bake" in USD's spelling."""
+_DIGITS = 12
+"""Hexadecimal digits of the digest of one parameter."""
 _TYPES: dict[str, type] = {
     "completedFrames": int,
     "frameRange": Vt.DoubleArray,
     "inputHash": Vt.StringArray,
+    "parameters": Vt.StringArray,
     "checkpoint": str,
 }
 """Types of the entries of a record that are used for more than a comparison."""
@@ -40,6 +43,8 @@ class Provenance:
 
     param_hash: str
     """The result of `parameter_hash`."""
+    parameters: tuple[str, ...]
+    """The result of `parameter_lines`, to name what differs."""
     input_hash: tuple[str, ...]
     """The result of `input_hash`."""
     seed: int
@@ -64,6 +69,7 @@ class Provenance:
         return {
             "solverVersion": __version__,
             "paramHash": self.param_hash,
+            "parameters": Vt.StringArray(list(self.parameters)),
             "inputHash": Vt.StringArray(list(self.input_hash)),
             "seed": self.seed,
             "substeps": self.substeps,
@@ -104,7 +110,10 @@ class Provenance:
                 found += f" ({', '.join(_differing(other.get(key) or (), self.input_hash))})"
             elif key != "paramHash":
                 found += f", {_plain(mine[key])}"
-            expected = "those that the bake was started with, or a new bake"
+            elif differing := _differing(other.get("parameters") or (), self.parameters):
+                found += f", the first is {differing[0]}" if "parameters" in other else ""
+            expected = "those that the bake was started with"
+            expected += " (--set too), or a new bake" if key == "paramHash" else ", or a new bake"
             if key not in ("paramHash", "inputHash"):
                 expected = f"{_plain(other.get(key))}, as when the bake was started, or a new bake"
             raise StageError(f"{target}, resumed", found, expected)
@@ -128,6 +137,21 @@ def parameter_hash(stage: Usd.Stage, times: Sequence[float]) -> str:
                 for text in _opinions(item, times):
                     total.update(text)
     return total.hexdigest()
+
+
+def parameter_lines(stage: Usd.Stage, times: Sequence[float]) -> tuple[str, ...]:
+    """Return "digest  path" of each property that `parameter_hash` counts, sorted by path.
+
+    Args:
+        stage, times: As for `parameter_hash`.
+    """
+    lines = []
+    for prim in stage.Traverse(Usd.TraverseInstanceProxies(Usd.PrimAllPrimsPredicate)):
+        for item in prim.GetAuthoredProperties():
+            if item.GetName().startswith(_PREFIXES):
+                digest = hashlib.sha256(b"".join(_opinions(item, times))).hexdigest()[:_DIGITS]
+                lines.append((str(item.GetPath()), digest))
+    return tuple(f"{digest}  {path}" for path, digest in sorted(lines))
 
 
 def input_hash(
