@@ -176,7 +176,7 @@ CODES: dict[str, Code] = {
         "note",
         "the variable OCIO names a config, but a picture for displays has no OCIO view",
         "give --view or --bake-view, or author splat:ocioView",
-        "the picture has plain sRGB, because the variable does not ask for a view",
+        "the picture has plain sRGB",
     ),
     "unused-view": Code(
         "note",
@@ -186,8 +186,7 @@ CODES: dict[str, Code] = {
     ),
     "product-metadata": Code(
         "warning",
-        "an attribute of a RenderProduct in driver:parameters:OpenEXR: is no entry that a user may "
-        "add to a header, or a compression that is not supported",
+        "a RenderProduct asks for a header entry or a compression that pictures cannot have",
         "choose another name, or remove the attribute",
         "it is left out",
     ),

@@ -3,17 +3,17 @@ read."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 from pxr import Ar, Sdf, Tf, Usd
 
 from usdsplat.schema.stage_values import in_world
 
 
-def clip_assets(stage: Usd.Stage) -> Iterator[tuple[Usd.Prim, Sdf.AssetPath]]:
-    """Yield (prim, asset) of each clip and manifest of a stage; resolved, or with an empty
+def clip_assets(prims: Iterable[Usd.Prim]) -> Iterator[tuple[Usd.Prim, Sdf.AssetPath]]:
+    """Yield (prim, asset) of each clip and manifest of prims; resolved, or with an empty
     `resolvedPath` if the file is missing."""
-    for prim in in_world(stage):
+    for prim in prims:
         if not prim.HasAuthoredMetadata("clips"):
             continue
         api = Usd.ClipsAPI(prim)
@@ -31,7 +31,8 @@ def clip_files(stage: Usd.Stage) -> set[str]:
     """Return the files of the value clips of a stage that exist, packages included."""
     if len(stage.GetUsedLayers()) == len(stage.GetUsedLayers(False)):
         return set()  # without a search: each set of clips uses a layer, at least its manifest
-    found = (asset.resolvedPath for _, asset in clip_assets(stage) if asset.resolvedPath)
+    assets = (asset for _, asset in clip_assets(in_world(stage)))
+    found = (asset.resolvedPath for asset in assets if asset.resolvedPath)
     return set(map(file_of, found))
 
 
