@@ -308,7 +308,7 @@ CODES: dict[str, Code] = {
     "repeated-ids": Code(
         "error",
         "several splats have the same id",
-        "give every splat a unique id, or remove the attribute",
+        "give every splat a unique id",
     ),
     "half-only": Code(
         "warning",
