@@ -306,9 +306,7 @@ CODES: dict[str, Code] = {
         "error", "an array has NaN or infinity", "prune the splats with NaN or infinity"
     ),
     "repeated-ids": Code(
-        "error",
-        "several splats have the same id",
-        "give every splat a unique id",
+        "error", "several splats have the same id", "give every splat a unique id"
     ),
     "half-only": Code(
         "warning",
