@@ -7,7 +7,7 @@ import re
 
 import numpy as np
 import pytest
-from pxr import Usd, UsdRender
+from pxr import Sdf, Usd, UsdRender
 
 from tests.cli.test_holdouts import deep, smoke
 from tests.cli.test_render import SMALL, header, read
@@ -72,6 +72,23 @@ def test_a_product_may_be_deep(run, shot, tmp_path):
     assert status == 0
     assert header(tmp_path / "d.exr").deep
     assert "warning [deep-aovs] /Render/deep: found P in a deep picture, expected only" in err
+
+
+def test_a_flat_product_may_be_drawn_deep(run, shot, tmp_path):
+    """Oracle: the compression that Solaris authors for flat pictures is said, and left out."""
+    stage = Usd.Stage.Open(str(shot))
+    settings = UsdRender.Settings.Define(stage, "/Render/Main")
+    product = UsdRender.Product.Define(stage, "/Render/flat")
+    product.GetProductNameAttr().Set(str(tmp_path / "d.exr"))
+    name = "driver:parameters:OpenEXR:compression"
+    product.GetPrim().CreateAttribute(name, Sdf.ValueTypeNames.String).Set("zip")
+    settings.GetProductsRel().AddTarget(product.GetPath())
+    stage.GetRootLayer().Save()
+    flags = (*SMALL, "--no-compare", "--frames", 1)
+    status, _, err = run("render", shot, "--deep", *flags)
+    assert status == 0 and header(tmp_path / "d.exr").deep
+    assert "warning [product-metadata] /Render/flat: found compression 'zip' in a deep" in err
+    assert "product-metadata" not in run("render", shot, *flags)[2]
 
 
 @pytest.mark.parametrize(

@@ -166,3 +166,19 @@ def test_a_capture_has_no_time(run, capture):
         status, out, err = run("info", capture, *flags)
         expected = f"{flags[0]}: found a capture, {capture}, expected a stage"
         assert (status, out, err) == (2, "", f"usdsplat: {expected}\n")
+
+
+def test_a_grade_and_a_crop_are_mentioned(run, run_json, shot):
+    """Oracle: the inherited grade and the crop authored here; neither is mentioned before."""
+    (field,) = run_json("info", shot)["fields"]
+    assert (field["graded"], field["cropped"]) == (False, False)
+    stage = Usd.Stage.Open(str(shot))
+    schema.author_grade(stage.GetPrimAtPath("/World"), exposure=1.0)
+    UsdGeom.Sphere.Define(stage, "/World/Matte")
+    crops = Usd.CollectionAPI.Apply(stage.GetPrimAtPath("/World/Ball"), "cropExclude")
+    crops.CreateIncludesRel().AddTarget("/World/Matte")
+    stage.GetRootLayer().Save()
+    (field,) = run_json("info", shot)["fields"]
+    assert (field["graded"], field["cropped"]) == (True, True)
+    lines = [line.split() for line in run("info", shot)[1].splitlines()]
+    assert ["graded", "yes"] in lines and ["cropped", "yes"] in lines

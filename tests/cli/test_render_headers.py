@@ -137,7 +137,17 @@ def test_the_variable_names_the_config_of_a_view(run, shot, tmp_path, monkeypatc
     assert "unused-config" not in run("render", shot, "-o", tmp_path / "b.exr", *SMALL)[2]
 
 
-@pytest.mark.parametrize("compression", ["dwaa:0.1", "zip:x"])
+def test_a_view_without_effect_and_a_broken_variable_are_said(run, shot, tmp_path, monkeypatch):
+    """Oracle: the flag and the variable that are named; an EXR has no view without --bake-view."""
+    words = ("render", shot, "-o", tmp_path / "a.exr", *SMALL)
+    status, _, err = run(*words, "--config", CONFIG)
+    assert status == 0 and f"note [unused-view] render: found {CONFIG}" in err
+    monkeypatch.setenv("OCIO", str(tmp_path / "none.ocio"))
+    status, _, err = run(*words, "--bake-view")
+    assert status == 2 and err.startswith("usdsplat: $OCIO: found")
+
+
+@pytest.mark.parametrize("compression", ["dwaa:0.1", "dwaa:0", "zip:x"])
 def test_a_level_that_is_no_whole_number_is_refused_in_a_sentence(run, shot, tmp_path, compression):
     """Oracle: the sentence says what a level is."""
     words = ("-o", tmp_path / "a.exr", "--compression", compression)

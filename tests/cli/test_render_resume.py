@@ -24,6 +24,13 @@ def test_resume_draws_what_is_missing(run_json, shot, tmp_path):
     assert (tmp_path / "a.2.png").stat().st_mtime == 1
 
 
+def test_resume_knows_frames_between_whole_ones(run_json, shot, tmp_path):
+    """Oracle: a header has 1.1 in single precision, which is no other frame."""
+    words = ("render", shot, "-o", tmp_path / "a.####.#.exr", "--frames", "1-1.2x0.1", *SMALL)
+    assert len(run_json(*words)["pictures"]) == 3
+    assert run_json(*words, "--resume")["pictures"] == []
+
+
 def test_resume_draws_again_what_is_no_whole_picture_or_another_one(run, shot, tmp_path):
     """Oracle: the names that are printed, the reason on stderr, and files of the same run without
     --resume, bit for bit."""

@@ -340,6 +340,7 @@ def test_an_interrupted_bake_goes_on_bit_for_bit(run, sim, tmp_path, monkeypatch
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
+        (("{sim}", "-o", "/"), "--output: found '/', expected a file"),
         ((), "simulate: found no STAGE, expected a stage or capture, and -o FILE"),
         (("{sim}",), "simulate: found no --output, expected a stage or capture, and -o FILE"),
         (("{ply}", "-o", "{out}"), "which is a capture, expected a stage with a SplatSim prim"),

@@ -17,8 +17,11 @@ from usdsplat.core.progress import silent
 
 @pytest.fixture(autouse=True)
 def _restored() -> Iterator[None]:
-    """The handlers and the record of this process, as they were."""
+    """Default handlers and no record; afterwards the handlers of this process, as they were."""
     before = {number: signal.getsignal(number) for number in interrupt.SIGNALS}
+    interrupt.forget()
+    for number in interrupt.SIGNALS:
+        signal.signal(number, signal.SIG_DFL)  # the background jobs of a shell ignore SIGINT
     yield
     interrupt.forget()
     for number, handler in before.items():

@@ -310,10 +310,28 @@ def change_clips(rng: random.Random, layer: Sdf.Layer) -> None:
     rng.choice(_prims(layer)).SetInfo("clips", {"default": clip})
 
 
+def change_bake(rng: random.Random, layer: Sdf.Layer) -> None:
+    """Author the record of an interrupted bake that lacks entries, or has some of other types."""
+    record = {
+        "checkpoint": rng.choice(("x", 1)),
+        "frameRange": rng.choice(
+            (Vt.DoubleArray([1, 2]), Vt.DoubleArray([NAN]), Vt.StringArray(["a", "b"]), 3.0)
+        ),
+        "completedFrames": rng.choice((1, "a", NAN)),
+        "inputHash": rng.choice((Vt.StringArray(["a  b"]), Vt.IntArray([1]), 1)),
+        "mode": rng.choice(("clips", 1)),
+    }
+    for name in rng.sample(list(record), rng.randint(0, 3)):
+        del record[name]
+    nested = {"usdsplat": {"bake": rng.choice((record, record, record, "x"))}}
+    layer.customLayerData = nested
+    rng.choice(_prims(layer)).customData = nested
+
+
 MUTATIONS: tuple[Callable[[random.Random, Sdf.Layer], None], ...] = (
     *(change_value, change_value, damage_element, damage_element, change_samples, change_type),
     *(change_type, change_ops, delete, change_prim, change_stage, add_arc, add_arc),
-    *(change_targets, change_clips),
+    *(change_targets, change_clips, change_bake),
 )
 
 

@@ -10,7 +10,7 @@ from tests.schema.clouds import cloud
 from usdsplat import schema
 from usdsplat.delegate.engine import Engine
 from usdsplat.schema.composition import composition_findings
-from usdsplat.schema.value_clips import clip_files
+from usdsplat.schema.value_clips import clip_files, stage_files
 
 
 def clipped(folder: Path, *names: str) -> Usd.Stage:
@@ -42,11 +42,12 @@ def test_the_files_of_a_stage_do_not_depend_on_what_was_read(tmp_path: Path) -> 
     """Oracle: the files of an engine before and after it reads values of the clips."""
     stage = clipped(tmp_path, "a.usdc")
     with Engine(stage, time=None) as engine:
-        before = engine.stage_info().files
+        before = engine.stage_info()
         engine.set_time(1)
         engine.sync()
-        assert engine.stage_info().files == before
-    assert {Path(path).name for path in before} == {"shot.usda", "a.usdc"}
+        assert engine.stage_info() == before
+    assert [Path(path).name for path in before.files] == ["shot.usda"]
+    assert [Path(path).name for path in before.clips] == ["a.usdc"]
 
 
 def test_damaged_metadata_of_clips_has_no_files() -> None:
@@ -55,3 +56,15 @@ def test_damaged_metadata_of_clips_has_no_files() -> None:
     prim = stage.DefinePrim("/F")
     prim.SetMetadata("clips", {"default": {"assetPaths": 3}})
     assert clip_files(stage) == set()
+
+
+def test_the_files_of_a_stage_include_clips_that_were_not_read(tmp_path: Path) -> None:
+    """Oracle: the names on disk, before and after a value of the clips is read, and in a folder
+    whose name looks like a path in a package."""
+    folder = tmp_path / "a[1]"
+    folder.mkdir()
+    stage = clipped(folder, "a.usdc", "lost.usdc")
+    before = stage_files(stage)
+    assert before == {str(folder / "a.usdc"), str(folder / "shot.usda")}
+    stage.GetAttributeAtPath("/F.positions").Get(1)
+    assert stage_files(stage) == before

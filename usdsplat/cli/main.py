@@ -19,7 +19,7 @@ from usdsplat import __version__
 from usdsplat.cli import console, failures
 from usdsplat.cli.flag_names import as_typed
 from usdsplat.core import interrupt
-from usdsplat.core.errors import BackendError, UsageError, UsdSplatError
+from usdsplat.core.errors import BackendError, EarlierFilesError, UsageError, UsdSplatError
 
 COMMANDS = {
     "convert": "convert captures to a stage, a stage to captures, or either to another of its kind",
@@ -74,6 +74,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         return failures.interrupted(error)
     except UsdSplatError as error:
         if interrupt.received():  # the interruption was lost, and this is what came of it
+            if isinstance(error, EarlierFilesError):
+                console.complain(str(error))  # nothing else says where they are
             return failures.interrupted(interrupt.Interrupted(interrupt.received()))
         is_ours = isinstance(error, (UsageError, BackendError)) or error.where.startswith("render ")
         where = as_typed(error.where, _flags_of(arguments)) if is_ours else error.where

@@ -22,6 +22,8 @@ from usdsplat.core.text import shown
 
 _CONTEXT = re.compile(r" \([a-z ]+ on stage @.*\)$")
 """End of a message of USD with the stage's address."""
+_PATH = re.compile(r"<([^<>]*)>")
+"""A path in a message of USD."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,11 +65,9 @@ class Reporter:
         """Return a function to call for each compiled kernel, see `console`."""
         return (lambda kernel: None) if self._quiet else console.announce_compilation(text)
 
-    @property
-    def everything(self) -> Iterator[Finding]:
-        """Iterator of all findings of the command."""
-        yield from self.printed
-        yield from self.findings
+    def everything(self) -> list[Finding]:
+        """Return all findings of the command."""
+        return [*self.printed, *self.findings]
 
     def print_json(self, value: dict[str, Any]) -> None:
         """Print an object as JSON at the end of the command, with all findings."""
@@ -76,7 +76,7 @@ class Reporter:
     def finish(self) -> None:
         """Print what `print_json` was given; messages of libraries are findings by then."""
         if self._json is not None:
-            findings = [asdict(each) for each in self.everything]
+            findings = [asdict(each) for each in self.everything()]
             console.print_json({**self._json, "findings": findings})
 
     def is_shown(self, found: Finding) -> bool:
@@ -144,25 +144,32 @@ def library_messages(reporter: Reporter) -> Iterator[None]:
         try:
             yield
         finally:
+            known = _Known(reporter.everything())
             for each in told.TakeUncoalescedDiagnostics():
                 text = _CONTEXT.sub("", " ".join(str(each.commentary).split()))
-                if not _is_known(text, list(reporter.everything)):
+                if text not in known:
                     findings.add(finding("usd-message", "USD", text, "no message"))
             for each in warned:
                 where = f"{each.filename}:{each.lineno}"
                 text = f"{each.category.__name__}: {each.message}"
-                findings.add(finding("python-warning", where, text, "no warning"))
+                findings.add(finding("python-warning", where, text, "no warning", attribute=""))
 
 
-def _is_known(text: str, findings: Iterable[Finding]) -> bool:
-    """Return whether a message of USD is about a muted layer, or about an asset or a prim path of a
-    finding."""
-    if " was muted " in text:
-        return True
-    assets = [part for part in text.split("@")[1::2] if part]
-    codes = ("missing-asset", "missing-prim", "composition")
-    known = [each for each in findings if each.code in codes]
-    return any(
-        f"<{each.path}>" in text or any(asset in each.found for asset in assets[:1])
-        for each in known
-    )
+class _Known:
+    """The composition problems that are known as findings, to look up messages of USD."""
+
+    def __init__(self, findings: Iterable[Finding]) -> None:
+        codes = ("missing-asset", "missing-prim", "composition")
+        known = [each for each in findings if each.code in codes]
+        self._paths = {each.path for each in known}
+        self._found = "\n".join({each.found for each in known})
+
+    def __contains__(self, text: str) -> bool:
+        """Return whether a message is about a muted layer, or about an asset or a prim path of a
+        finding."""
+        if " was muted " in text:
+            return True
+        asset = next((part for part in text.split("@")[1::2] if part), None)
+        if asset is not None and asset in self._found:
+            return True
+        return not self._paths.isdisjoint(_PATH.findall(text))

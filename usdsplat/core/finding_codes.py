@@ -166,6 +166,12 @@ CODES: dict[str, Code] = {
         "use them for a flat product",
         "they have no effect on a deep picture",
     ),
+    "unsupported-name": Code(
+        "note",
+        "a RenderVar names channels otherwise than usdsplat does",
+        "rename the channels in compositing, or author sourceName",
+        "the channels have the names of the AOV",
+    ),
     "png-aovs": Code(
         "warning",
         "a PNG holds only color",
@@ -176,12 +182,17 @@ CODES: dict[str, Code] = {
         "note",
         "the variable OCIO names a config, but a picture for displays has no OCIO view",
         "give --view or --bake-view, or author splat:ocioView",
-        "the picture has plain sRGB, because the variable does not ask for a view",
+        "the picture has plain sRGB",
+    ),
+    "unused-view": Code(
+        "note",
+        "an OCIO view or config is named for a picture that is not drawn through a view",
+        "give --bake-view, or --color-mode inverseView",
+        "it has no effect",
     ),
     "product-metadata": Code(
         "warning",
-        "an attribute of a RenderProduct in driver:parameters:OpenEXR: is no entry that a user may "
-        "add to a header, or a compression that is not supported",
+        "a RenderProduct asks for a header entry or a compression that pictures cannot have",
         "choose another name, or remove the attribute",
         "it is left out",
     ),
@@ -272,7 +283,7 @@ CODES: dict[str, Code] = {
     "unfinished-bake": Code(
         "error",
         "a bake was interrupted, and lacks frames",
-        "continue it with simulate --resume, or bake it again with --force",
+        "continue it with simulate --resume and the same --set, or bake it again with --force",
     ),
     "left-out-of-simulation": Code(
         "warning",
@@ -308,9 +319,7 @@ CODES: dict[str, Code] = {
         "error", "an array has NaN or infinity", "prune the splats with NaN or infinity"
     ),
     "repeated-ids": Code(
-        "error",
-        "several splats have the same id",
-        "give every splat a unique id, or remove the attribute",
+        "error", "several splats have the same id", "give every splat a unique id"
     ),
     "half-only": Code(
         "warning",
@@ -375,6 +384,13 @@ CODES: dict[str, Code] = {
         "a field cannot be converted within a file that refers to others",
         "convert with --flatten, or convert the file that has the field",
         "it keeps its form",
+    ),
+    "not-applied": Code(
+        "warning",
+        "a field that is written to a capture has a grade or a crop",
+        "apply the crop with --crop-box or --crop-sphere, and grade in another application; or "
+        "convert to a stage, which keeps both",
+        "it is not applied",
     ),
     "assumed-space": Code(
         "note",

@@ -10,7 +10,13 @@ import re
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 
-from usdsplat.core.errors import StrictError, UsdSplatError
+from usdsplat.core.errors import (
+    FormatError,
+    OutputError,
+    StrictError,
+    UnknownFormatError,
+    UsdSplatError,
+)
 from usdsplat.core.finding_codes import CODES, LIBRARY_MESSAGES, Severity
 from usdsplat.core.wording import counted
 
@@ -29,15 +35,15 @@ STRICT: tuple[Severity, ...] = ("error", "warning")
 """Severities that a strict command does not accept."""
 
 _PROPERTY = re.compile(
-    r"((?:/[^\W\d]\w*(?:\{\w+=\w*\})*)+)(?:\.(?=[^\W\d])|\s(?=[^\W\d][^/]*$))(.*)"
+    r"((?:/[^\W\d]\w*(?:\{\w+=\w*\})*)+)(?:\.(?=[^\W\d])|\s(?=[^\W\d][^/.]*$))(.*)"
 )
 """Path of a prim, and the attribute or part of it that follows."""
 _FILE = re.compile(
     r"(?:.*\.)?(?:usd[acz]?|exr|png|jpe?g|tiff?|hdr|tx|ply|spz|sog|splat|ksplat|glb|gltf|json|ocio|"
-    r"txt|py)(?::\d+)?",
+    r"txt|py)(?::\d+)?(?:\s.*)?",
     re.IGNORECASE,
 )
-"""End of the name of a file, or of a line in it, where that of an attribute would be."""
+"""End of the name of a file, of a line in it or of a part, where that of an attribute would be."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -97,6 +103,7 @@ def finding(
     found: str,
     expected: str,
     *,
+    attribute: str | None = None,
     severity: Severity | None = None,
     cure: str = "",
 ) -> Finding:
@@ -106,11 +113,16 @@ def finding(
         code: Key of `CODES`.
         where: Path of a prim, or of one of its properties; or the name of something else.
         found, expected: As in the errors of `core.errors`.
+        attribute: Attribute concerned, "" for none; `where` is then a path or a name as a whole.
+            None for the one that `where` ends in, if it is the path of a property and not the
+            name of a file with a usual suffix.
         severity, cure: None and "" for those of the code.
     """
-    match = _PROPERTY.fullmatch(where)
-    is_property = match is not None and not _FILE.fullmatch(match[2])
-    path, attribute = match.groups() if match and is_property else (where, "")
+    path = where
+    if attribute is None:
+        match = _PROPERTY.fullmatch(where)
+        is_property = match is not None and not _FILE.fullmatch(match[2])
+        path, attribute = match.groups() if match and is_property else (where, "")
     return Finding(
         code=code,
         severity=severity or CODES[code].severity,
@@ -123,8 +135,11 @@ def finding(
 
 
 def from_error(code: str, error: UsdSplatError, *, severity: Severity | None = None) -> Finding:
-    """Return an error as a finding."""
-    return finding(code, error.where, error.found, error.expected, severity=severity)
+    """Return an error as a finding; one about a file names no attribute."""
+    attribute = "" if isinstance(error, FormatError | UnknownFormatError | OutputError) else None
+    return finding(
+        code, error.where, error.found, error.expected, attribute=attribute, severity=severity
+    )
 
 
 class Findings:

@@ -27,8 +27,8 @@ from pathlib import Path
 from typing import Literal
 
 from usdsplat.core import interrupt
-from usdsplat.core.errors import OutputError, UsdSplatError
-from usdsplat.core.renames import EARLIER, EXPECTED, Move, put_in_place, stranded, sync
+from usdsplat.core.errors import EarlierFilesError, OutputError, UsdSplatError
+from usdsplat.core.renames import EARLIER, EXPECTED, Move, put_in_place, sync
 
 Existing = Literal["error", "resume", "replace"]
 """Treatment of existing results: raise an error, keep and continue them, or replace them."""
@@ -174,9 +174,8 @@ class OutputGroup:
             with suppress(OSError):  # the new files are complete without the removal
                 path.unlink()
 
-    def close(self) -> None:
-        """Remove everything temporary."""
-        self.stack.close()
+    def remove_made(self) -> None:
+        """Remove the folders that were made, if the group failed."""
         for folder in reversed(self._made):
             with suppress(OSError):  # somebody else's files are in it
                 folder.rmdir()
@@ -203,11 +202,12 @@ def output_group() -> Iterator[OutputGroup]:
     group = OutputGroup()
     token = _GROUP.set(group)
     try:
-        yield group
-        group.finish()
+        with group.stack:  # which has to know the error, see `_private_folder`
+            yield group
+            group.finish()
     finally:
         _GROUP.reset(token)
-        group.close()
+        group.remove_made()
 
 
 def remove_left_folder(folder: Path) -> None:
@@ -233,15 +233,20 @@ def is_private(name: str) -> bool:
 
 @contextmanager
 def _private_folder(folder: Path) -> Iterator[None]:
-    """Make a private folder, and remove it with all its files, also on Ctrl-C."""
+    """Make a private folder, and remove it with all its files, also on Ctrl-C; not if earlier
+    results are left in it."""
     _remove_stale(folder.parent)
+    is_needed = False
     try:
         if announce is not None:
             announce(str(folder), True)
         folder.mkdir(mode=0o700)
         yield
+    except EarlierFilesError as error:
+        is_needed = folder in error.folders
+        raise
     finally:
-        if folder not in stranded:
+        if not is_needed:
             shutil.rmtree(folder, ignore_errors=True)
         if announce is not None:
             announce(str(folder), False)

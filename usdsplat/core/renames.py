@@ -8,11 +8,9 @@ import secrets
 from dataclasses import dataclass
 from pathlib import Path
 
-from usdsplat.core.errors import OutputError
+from usdsplat.core.errors import EarlierFilesError, OutputError
 
 EXPECTED = "a writable place with enough free space"
-stranded: set[Path] = set()
-"""Private folders with earlier results that could not be put back; they must not be removed."""
 _RESCUED = "usdsplat-earlier-"
 """Start of the name of a folder with earlier results that could not be put back."""
 EARLIER = "earlier"
@@ -63,8 +61,9 @@ def put_in_place(moves: list[Move]) -> None:
     """Rename all results to their targets, or none.
 
     Raises:
-        OutputError: If one cannot be renamed. If an earlier result cannot be put back either, the
-            message says in which folder it is kept.
+        OutputError: If one cannot be renamed.
+        EarlierFilesError: If an earlier result cannot be put back either; the message says in which
+            folder it is kept.
     """
     kept: list[Move] = []
     target = ""
@@ -81,13 +80,16 @@ def put_in_place(moves: list[Move]) -> None:
             raise
         found = (isinstance(error, OSError) and error.strerror) or str(error) or "an interruption"
         if places:
-            found += f"; earlier files that could not be put back are in {' and '.join(places)}"
+            names = " and ".join(map(str, places))
+            found += f"; earlier files that could not be put back are in {names}"
+            folders = {place.parent for place in places}  # those of other places are not private
+            raise EarlierFilesError(target, found, EXPECTED, folders) from error
         raise OutputError(target, found, EXPECTED) from error
     for folder, target in {move.final.parent: move.target for move in moves}.items():
         _sync_folder(folder, target)
 
 
-def _undo(kept: list[Move]) -> list[str]:
+def _undo(kept: list[Move]) -> list[Path]:
     """Undo renames, and return the folders of the earlier results that could not be put back."""
     left: dict[Path, Path] = {}
     for move in reversed(kept):
@@ -96,17 +98,16 @@ def _undo(kept: list[Move]) -> list[str]:
         except OSError:
             if os.path.lexists(move.kept):
                 left[move.kept.parent] = move.final.parent
-    return [str(_rescued(folder, beside)) for folder, beside in left.items()]
+    return [_rescued(folder, beside) for folder, beside in left.items()]
 
 
 def _rescued(folder: Path, beside: Path) -> Path:
-    """Move a folder of earlier results out of its private folder, which is about to be removed; if
-    that fails, keep the private folder."""
+    """Move a folder of earlier results out of its private folder, which is about to be removed;
+    return its path, which is the same if that fails."""
     place = beside / f"{_RESCUED}{secrets.token_hex(4)}"
     try:
         os.replace(folder, place)
     except OSError:
-        stranded.add(folder.parent)
         return folder
     return place
 

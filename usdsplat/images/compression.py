@@ -10,7 +10,7 @@ from usdsplat.core.errors import UsageError
 FLAT_COMPRESSIONS = ("none", "rle", "zips", "zip", "piz", "dwaa", "dwab")
 DEEP_COMPRESSIONS = ("none", "zips")
 LOSSY = ("dwaa", "dwab")
-LEVELS = {**dict.fromkeys(("zips", "zip"), (1, 9)), **dict.fromkeys(LOSSY, (0, 100_000))}
+LEVELS = {**dict.fromkeys(("zips", "zip"), (1, 9)), **dict.fromkeys(LOSSY, (1, 100_000))}
 """Compression -> lowest and highest level. Higher levels of zip are slower; of dwa, lossier."""
 
 

@@ -38,10 +38,14 @@ RESERVED = frozenset(
         # OpenImageIO's names of these and of others
         "DateTime", "Orientation", "PixelAspectRatio", "XResolution", "YResolution",
         "ResolutionUnit", "ICCProfile", "textureformat", "Software", "HostComputer",
+        "ExposureTime", "FNumber", "FocalLength", "worldtoscreen", "cameraCCTSetting",
+        "cameraTintSetting", "cameraIdentifier", "originalDataWindow", "captureRate",
     )
 )  # fmt: skip
 """Names, in lower case, that `entry` refuses."""
 
+_MOST = 3.4028234663852886e38
+"""Largest number of single precision."""
 _INTEGER = re.compile(r"-?(?:0|[1-9]\d{0,9})")
 _NUMBER = re.compile(r"-?(?:0|[1-9]\d*)\.\d+")
 
@@ -68,7 +72,18 @@ def entry(where: str, name: str, value: Entry) -> tuple[str, Entry]:
         if isinstance(value, bool | str) or not isinstance(value, int | float):
             raise UsageError(where, f"{name} {value!r}", "a number")
         value = float(value)
+    _check_numbers(where, name, value)
     return name, shown(value) if isinstance(value, str) else value
+
+
+def _check_numbers(where: str, name: str, value: Entry) -> None:
+    """Raise an error for numbers that headers cannot hold: they have 32 bits."""
+    numbers = value if isinstance(value, tuple) else (value,)
+    for number in numbers:
+        if isinstance(number, int) and not -(2**31) <= number < 2**31:
+            raise UsageError(where, f"{name} {number}", "a whole number of 32 bits")
+        if isinstance(number, float) and not abs(number) <= _MOST:
+            raise UsageError(where, f"{name} {number:g}", "a finite number of single precision")
 
 
 def parse_entry(where: str, text: str) -> tuple[str, Entry]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence, Set
 from contextlib import contextmanager
 from dataclasses import replace
 
@@ -38,9 +38,12 @@ class FieldWriter:
         """Number of clouds written."""
         self.splats = 0
         """Number of splats in them."""
-        self.paths: list[str] = []
+        self.variants = 0
+        """Number of combinations of variants written, those of all fields together."""
+        self.paths: dict[str, None] = {}
         """Paths of the fields written, each once."""
-        self.notes: list[str] = []
+        self.notes: dict[str, None] = {}
+        """Notes, each once."""
         self._progress = progress
         self._clouds = 0
 
@@ -69,8 +72,8 @@ class FieldWriter:
     def finish(self, field: Usd.Prim, written: Usd.Prim) -> None:
         """Bring provenance and bounds up to date with a field that was written."""
         path = str(field.GetPath())
-        if path not in self.paths:
-            self.paths.append(path)
+        self.variants += 1
+        self.paths[path] = None
         if self.edits:
             add_edits(written, self.edits)
         if schema.form_of(field) != self.form:
@@ -81,10 +84,10 @@ class FieldWriter:
 
     def note_color_spaces(self, fields: Sequence[Usd.Prim]) -> None:
         """Note fields with unknown colour spaces, first of all."""
-        self.notes = [*dict.fromkeys([*unknown_color_spaces(fields), *self.notes])]
+        self.notes = dict.fromkeys([*unknown_color_spaces(fields), *self.notes])
 
-    def _note(self, notes: Iterator[str] | Sequence[str]) -> None:
-        self.notes += [note for note in notes if note not in self.notes]
+    def _note(self, notes: Iterable[str]) -> None:
+        self.notes.update(dict.fromkeys(notes))
 
     def _edited(self, field: Usd.Prim, time: float | None) -> tuple[SplatCloud, list[str]]:
         """Return a field's edited cloud at one of its times, and notes."""
@@ -104,13 +107,20 @@ class FieldWriter:
         return after, [f"{place}: {note}" for note in notes]
 
 
-def forget_data(layer: Sdf.Layer, path: Sdf.Path) -> None:
-    """Remove all values of a field from one of its specs, which are then written again."""
-    for name in schema.DATA_ATTRIBUTES:
-        spec = layer.GetAttributeAtPath(path.AppendProperty(name))
-        if spec:
-            spec.ClearInfo("timeSamples")
-            spec.ClearInfo("default")
+def remove_data(
+    layer: Sdf.Layer, specs: Iterable[Sdf.Path], names: Set[str] = schema.DATA_ATTRIBUTES
+) -> None:
+    """Remove the data of a field from its specs, which are then written again; else it could hide
+    the new data, or mix with it.
+
+    Args:
+        layer: The layer.
+        specs: Paths of the field's specs, in variants too.
+        names: Attributes to remove.
+    """
+    for spec in filter(None, map(layer.GetPrimAtPath, specs)):
+        for name in names & set(spec.properties.keys()):
+            del spec.properties[name]
 
 
 @contextmanager

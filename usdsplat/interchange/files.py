@@ -12,10 +12,8 @@ from pxr import Sdf, Tf, Usd
 from usdsplat import formats
 from usdsplat.core.errors import OutputError, StageError, UnknownFormatError
 from usdsplat.core.readable import readable
-from usdsplat.schema import registration
 from usdsplat.schema.usd_files import export_layer, sentence
-
-registration.register()  # USD must know our types before the first stage is opened
+from usdsplat.schema.value_clips import stage_files
 
 SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 
@@ -115,6 +113,5 @@ def check_not_input(target: Path, inputs: Iterable[Path]) -> None:
 
 
 def layer_files(stage: Usd.Stage) -> list[Path]:
-    """Return the files that a stage reads, packages included."""
-    found = (layer.realPath for layer in stage.GetUsedLayers() if layer.realPath)
-    return [Path(path.partition("[")[0]) for path in found]
+    """Return the files that a stage reads, packages and unread value clips included."""
+    return [Path(path) for path in sorted(stage_files(stage))]

@@ -6,7 +6,9 @@ from pxr import Sdf, Usd, UsdGeom
 
 from usdsplat import schema
 from usdsplat.core.errors import StageError
-from usdsplat.interchange.field_writing import FieldWriter, forget_data, restored_specifiers
+from usdsplat.core.readable import original
+from usdsplat.interchange.asset_paths import replace_links
+from usdsplat.interchange.field_writing import FieldWriter, remove_data, restored_specifiers
 
 
 def flattened(stage: Usd.Stage, where: str, writer: FieldWriter) -> Sdf.Layer:
@@ -24,6 +26,8 @@ def flattened(stage: Usd.Stage, where: str, writer: FieldWriter) -> Sdf.Layer:
         StageError: If the stage has no splat field.
     """
     before = stage.Flatten(addSourceFileComment=False)
+    if any(original(layer.realPath) != layer.realPath for layer in stage.GetUsedLayers()):
+        replace_links(before)
     after = Sdf.Layer.CreateAnonymous(".usda")
     after.TransferContent(before)
     old, new = Usd.Stage.Open(before), Usd.Stage.Open(after)
@@ -34,7 +38,7 @@ def flattened(stage: Usd.Stage, where: str, writer: FieldWriter) -> Sdf.Layer:
     writer.expect(sum(len(writer.times(prim)) for prim in changed))
     for prim in changed:
         if writer.edits and schema.sample_times(prim):
-            forget_data(after, prim.GetPath())
+            remove_data(after, [prim.GetPath()])
         with restored_specifiers(after, prim.GetPath()):
             writer.write(prim, new, writer.times(prim))
     for prim in fields:

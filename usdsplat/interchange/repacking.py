@@ -35,7 +35,8 @@ def repack(
     The file is a copy of the stage's root layer with converted fields, in each variant. References,
     payloads, sublayers, variants and asset information stay; fields of referenced files become
     opinions over them. Fields that already have the form are copied unchanged, unless they are
-    edited.
+    edited; so is a field whose data differs between the variants of a set and no selection, if none
+    is selected, which is a finding.
 
     Args:
         source: A USD file, or a stage, which is not modified. Its session layer is not written,
@@ -71,6 +72,7 @@ def repack(
         source=_name(source),
         target=str(path),
         prim_paths=tuple(writer.paths),
+        variants=writer.variants,
         samples=writer.samples,
         splats=writer.splats,
         form=form,

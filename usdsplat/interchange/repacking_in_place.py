@@ -6,7 +6,8 @@ changes their data. References, payloads, sublayers and asset information stay a
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import os
+from collections.abc import Iterator, Sequence, Set
 from pathlib import Path
 
 from pxr import Sdf, Usd
@@ -14,14 +15,17 @@ from pxr import Sdf, Usd
 from usdsplat import schema
 from usdsplat.core.errors import StageError
 from usdsplat.core.findings import Finding, finding
-from usdsplat.interchange.asset_paths import make_absolute, make_relative
+from usdsplat.core.readable import original
+from usdsplat.interchange.asset_paths import expressions, make_absolute, make_relative, restore
 from usdsplat.interchange.field_variants import (
     FieldVariants,
     Selection,
     field_variants,
     select,
 )
-from usdsplat.interchange.field_writing import FieldWriter, restored_specifiers
+from usdsplat.interchange.field_writing import FieldWriter, remove_data, restored_specifiers
+
+_EVALUATED = "asset paths with variables were evaluated, because the file is in another folder"
 
 
 def converted_root(
@@ -37,27 +41,43 @@ def converted_root(
         writer: Converts the fields.
 
     Raises:
-        StageError: If the stage has no splat field, or a field too many variants.
+        StageError: If the stage has no splat field, a field has too many variants, or the stage
+            refers to a file whose path is not UTF-8.
     """
     root = stage.GetRootLayer()
     after = Sdf.Layer.CreateAnonymous(".usda")
     after.TransferContent(root)
+    kept = expressions(after)
+    if kept and not _is_beside(root, target):
+        kept.clear()
+        writer.notes[_EVALUATED] = None
     absolute = make_absolute(after, root)
     old, new = _opened(stage, root), _opened(stage, after)
     fields = field_variants(old)
     if not fields and not any(_in_instances(old)):
         raise StageError(root.identifier, "no splat field", "at least one")
     known = {each.path for each in fields}
-    written = [each for each in fields if not _is_covered(old, each, known)]
-    writer.expect(sum(len(each.selections) for each in written))
+    specs = _specs(after, known)
+    own = [each for each in fields if not _is_covered(old, each, known)]
+    clouds = {each: _clouds(each, old, writer) for each in own}
+    written = [each for each in own if not each.is_unselected]
+    writer.expect(sum(clouds[each] for each in written))
     for each in written:
-        _write(each, old, new, writer)
+        if clouds[each]:
+            _write(each, old, new, writer, specs[each.path])
+        else:
+            _settle(new.GetPrimAtPath(each.path))
     findings = list(fields_in_instances(stage, writer))
-    for each in written:
-        findings += _missed(each, new, writer)
+    for each in own:
+        if each.is_unselected and clouds[each]:
+            found = "data that depends on a variant set of which no variant is selected"
+            findings.append(finding("not-converted", str(each.path), found, "a selection"))
+        elif not each.is_unselected:
+            findings += _missed(each, new, writer)
     shown = [old.GetPrimAtPath(each.path) for each in fields]
     writer.note_color_spaces([prim for prim in shown if prim and schema.is_splat_field(prim)])
     make_relative(after, absolute, source=root.realPath, target=target)
+    restore(after, kept)
     return after, findings
 
 
@@ -72,27 +92,56 @@ def fields_in_instances(stage: Usd.Stage, writer: FieldWriter) -> Iterator[Findi
 
 
 def _opened(stage: Usd.Stage, root: Sdf.Layer) -> Usd.Stage:
-    """Return a stage of another root layer that resolves and loads as a stage does."""
+    """Return a stage of another root layer with the resolver context and muted layers of a stage.
+
+    All payloads are loaded, so that fields in those that the stage does not load are converted too.
+    """
     session = Sdf.Layer.CreateAnonymous(".usda")
     found = Usd.Stage.Open(root, session, stage.GetPathResolverContext())
     found.MuteAndUnmuteLayers(stage.GetMutedLayers(), [])
     return found
 
 
-def _write(field: FieldVariants, old: Usd.Stage, new: Usd.Stage, writer: FieldWriter) -> None:
-    """Write a field in all its variants."""
-    layer = new.GetRootLayer()
-    todo = []
+def _is_beside(root: Sdf.Layer, target: Path) -> bool:
+    """Return whether relative paths mean the same in a root layer and in a target file."""
+    if root.anonymous:
+        return True
+    folder = os.path.realpath(os.path.dirname(original(root.realPath)))
+    return folder == os.path.realpath(target.parent) and target.suffix.lower() != ".usdz"
+
+
+def _clouds(field: FieldVariants, stage: Usd.Stage, writer: FieldWriter) -> int:
+    """Return how many clouds a field has in all its variants; 0 if a writer changes none."""
+    count, changes = 0, False
     for selection in field.selections:
-        select(old, selection)
-        todo.append(writer.changes(old.GetPrimAtPath(field.path)))
-    if not any(todo):
-        prim = new.GetPrimAtPath(field.path)
-        if prim and schema.is_packed(prim):
-            schema.settle_proxy(prim)
-        return
-    is_local = len(field.relevant) == 0
-    _remove_data(layer, field, is_local=is_local)
+        select(stage, selection)
+        prim = stage.GetPrimAtPath(field.path)
+        count += len(writer.times(prim))
+        changes |= writer.changes(prim)
+    return count if changes else 0
+
+
+def _settle(field: Usd.Prim) -> None:
+    """Settle the proxy of a field that is packed already."""
+    if field and schema.is_packed(field):
+        schema.settle_proxy(field)
+
+
+def _write(
+    field: FieldVariants,
+    old: Usd.Stage,
+    new: Usd.Stage,
+    writer: FieldWriter,
+    specs: Sequence[Sdf.Path],
+) -> None:
+    """Write a field in all its variants, in place of the data in its specs."""
+    layer = new.GetRootLayer()
+    bounds = {schema.tokens.EXTENT} if field.relevant else set()
+    remove_data(layer, specs, schema.DATA_ATTRIBUTES | bounds)
+    local = layer.GetPrimAtPath(field.path)
+    if local and local.typeName:  # stronger than the types that variants get
+        tokens = schema.tokens
+        local.typeName = tokens.PACKED_TYPE if writer.form == "packed" else tokens.STOCK_TYPE
     for selection in field.selections:
         select(old, selection)
         prim = old.GetPrimAtPath(field.path)
@@ -109,12 +158,8 @@ def _write(field: FieldVariants, old: Usd.Stage, new: Usd.Stage, writer: FieldWr
             with restored_specifiers(layer, path):
                 writer.write(prim, new, times)
             found = new.GetPrimAtPath(field.path)
-            if schema.is_packed(found):
-                schema.settle_proxy(found)
+            _settle(found)
             writer.finish(prim, found)
-        local = layer.GetPrimAtPath(field.path)
-        if local and local.typeName:
-            local.typeName = found.GetTypeName()
 
 
 def _declare(stage: Usd.Stage, field: FieldVariants, selection: Selection) -> Sdf.Path:
@@ -138,20 +183,18 @@ def _declare(stage: Usd.Stage, field: FieldVariants, selection: Selection) -> Sd
     return place
 
 
-def _remove_data(layer: Sdf.Layer, field: FieldVariants, *, is_local: bool) -> None:
-    """Remove the data of a field from its specs in all variants of a layer, which is then written
-    again; else it could hide the new data."""
-    specs: list[Sdf.Path] = []
+def _specs(layer: Sdf.Layer, fields: Set[Sdf.Path]) -> dict[Sdf.Path, list[Sdf.Path]]:
+    """Return the specs of fields in all variants of a layer, by field."""
+    found: dict[Sdf.Path, list[Sdf.Path]] = {each: [] for each in fields}
 
     def visit(path: Sdf.Path) -> None:
-        if not path.IsPropertyPath() and path.StripAllVariantSelections() == field.path:
-            specs.append(path)
+        if not path.IsPropertyPath():
+            specs = found.get(path.StripAllVariantSelections())
+            if specs is not None:
+                specs.append(path)
 
     layer.Traverse(Sdf.Path.absoluteRootPath, visit)
-    names = set(schema.DATA_ATTRIBUTES) | (set() if is_local else {schema.tokens.EXTENT})
-    for spec in filter(None, map(layer.GetPrimAtPath, specs)):
-        for name in names & set(spec.properties.keys()):
-            del spec.properties[name]
+    return found
 
 
 def _has_default(prim: Usd.Prim) -> bool:
@@ -163,20 +206,21 @@ def _has_default(prim: Usd.Prim) -> bool:
     )
 
 
-def _is_covered(stage: Usd.Stage, field: FieldVariants, known: set[Sdf.Path]) -> bool:
+def _is_covered(stage: Usd.Stage, field: FieldVariants, known: Set[Sdf.Path]) -> bool:
     """Return whether the data of a field is that of another one in the root layer, of which it is
     an internal reference or a class."""
     select(stage, field.selections[-1])
     prim = stage.GetPrimAtPath(field.path)
-    return _comes_from(prim, stage.GetRootLayer(), known - {field.path})
+    return _comes_from(prim, stage.GetRootLayer(), known)
 
 
-def _comes_from(prim: Usd.Prim, root: Sdf.Layer, fields: set[Sdf.Path]) -> bool:
+def _comes_from(prim: Usd.Prim, root: Sdf.Layer, fields: Set[Sdf.Path]) -> bool:
     """Return whether the strongest data of a field is that of one of other fields in a layer."""
     for name in (schema.tokens.POSITIONS, schema.tokens.POSITIONS_HALF):
         attribute = prim.GetAttribute(name)
         for spec in attribute.GetPropertyStack() if attribute else ():
-            return spec.layer == root and spec.path.GetPrimPath() in fields
+            path = spec.path.GetPrimPath()
+            return spec.layer == root and path != prim.GetPath() and path in fields
     return False
 
 

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
-from pxr import Usd, UsdRender, UsdShade
+from pxr import Usd, UsdGeom, UsdRender, UsdShade
 
 from usdsplat import schema
 from usdsplat.core.errors import StageError, UsdSplatError
@@ -21,6 +21,8 @@ from usdsplat.core.progress import Progress, silent
 from usdsplat.delegate.engine import PURPOSES, Engine
 from usdsplat.delegate.product import ProductSpec
 from usdsplat.delegate.scene_delegate import read_products
+from usdsplat.delegate.scene_delegate.population import populate
+from usdsplat.delegate.scene_delegate.unsupported import findings_on_light, findings_on_prims
 from usdsplat.products.drawing import files_of
 from usdsplat.products.frames import first_frame, frames_to_draw
 from usdsplat.products.planning import plan_default, plan_product
@@ -91,6 +93,20 @@ def opening_findings(stage: Usd.Stage, time: float | None) -> Iterator[Finding]:
     first = first_frame(stage, None) if time is None else time
     with Engine(stage, device="cpu", time=first) as engine:
         yield from engine.findings
+
+
+def prim_findings(stage: Usd.Stage, time: float | None) -> list[Finding]:
+    """Return what prims ask for and do not get at a time, as far as it costs no splat data: unknown
+    names and types, lights, members of crops. Values, materials and textures are not read."""
+    code = Usd.TimeCode(first_frame(stage, None) if time is None else time)
+    known = populate(stage)
+    found = [*known.findings, *findings_on_prims(known.others, code, frozenset(PURPOSES))]
+    for prim in known.lights.values():
+        if UsdGeom.Imageable(prim).ComputeVisibility(code) != UsdGeom.Tokens.invisible:
+            found += findings_on_light(prim)
+    for entry in known.fields.values():
+        found += entry.crop.findings
+    return sorted(found, key=lambda each: (each.path, each.message))
 
 
 def _plans(engine: Engine, stage: Usd.Stage, findings: Findings) -> tuple[list[PicturePlan], int]:

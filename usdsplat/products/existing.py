@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import OpenImageIO as oiio
 
 from usdsplat.core.readable import readable
@@ -72,6 +73,6 @@ def _differing(
         "samples": 1 if plan.deep else plan.settings.samples,
     }.items():
         found = first.getattribute(f"usdsplat:{key}")
-        if found is None or float(found) != value:
+        if found is None or np.float32(found) != np.float32(value):  # as an EXR has it
             return f"a picture with {'no' if found is None else 'another'} {key} in its header"
     return ""

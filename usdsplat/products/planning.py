@@ -13,6 +13,7 @@ from usdsplat.delegate.engine import PURPOSES, Engine
 from usdsplat.delegate.product import ProductSpec
 from usdsplat.images import COLOR_MODES, default_color_mode, open_writer
 from usdsplat.images.aovs import find_aovs
+from usdsplat.images.compression import DEEP_COMPRESSIONS
 from usdsplat.images.deep_aovs import DEEP_AOVS
 from usdsplat.images.frame_numbers import FileName, frame_path
 from usdsplat.images.layout import PixelType
@@ -110,12 +111,15 @@ def _finished(
         names = ("color", *(name for name in names if name in DEEP_AOVS[2:]))
         findings = (*findings, *remarks.without_effect(where, spec.settings))
     settings = spec.settings
+    if request.deep and "compression" not in request.settings and settings.compression:
+        settings, lacking = _with_deep_compression(settings, where)
+        findings = (*findings, *lacking)
     if deep or settings.color_mode == "auto":
         settings = replace(settings, color_mode="scene" if deep else suited)
     is_baked = settings.color_mode != "display" and (is_png or request.bake_view)
     settings, unused = _with_config(settings, where, is_baked=is_baked, is_png=is_png)
     findings = (*findings, *unused)
-    view_of(settings)  # raises an error if the view does not exist
+    _check_view(settings, is_from_variable=settings.ocio_config != spec.settings.ocio_config)
     start_offset(settings, engine.stage_info())  # raises an error if the time code does not exist
     _check_purposes(f"{where} purposes", request.purposes or spec.purposes)
     picture = PicturePlan(
@@ -154,16 +158,43 @@ def _with_config(
     It does not decide whether there is a view, so that captured colours are the same everywhere.
 
     Returns:
-        The settings, and a note if the variable has no effect on a picture for displays.
+        The settings, and a note if a named view or config has no effect, or if the variable has
+        none on a picture for displays.
     """
     config = os.environ.get("OCIO", "")
+    names = (settings.ocio_display, settings.ocio_view, settings.ocio_look)
+    if settings.color_mode == "scene" and not is_baked and any((*names, settings.ocio_config)):
+        found = next(filter(None, (*names, settings.ocio_config)))
+        expected = f"a picture through a view: --bake-view for {where}"
+        return settings, (finding("unused-view", where, found, expected),)
     if not config or settings.ocio_config:
         return settings, ()
-    names = (settings.ocio_display, settings.ocio_view, settings.ocio_look)
     if any(names) or is_baked or settings.color_mode == "inverseView":
         return replace(settings, ocio_config=config), ()
     unused = finding("unused-config", "$OCIO", config, f"a view for {where}: --view NAME")
     return settings, (unused,) if is_png or settings.color_mode == "display" else ()
+
+
+def _with_deep_compression(
+    settings: RenderSettings, where: str
+) -> tuple[RenderSettings, tuple[Finding, ...]]:
+    """Leave out the compression of a flat product that is requested as a deep picture, with a
+    finding, if deep files cannot have it."""
+    if settings.compression in DEEP_COMPRESSIONS:
+        return settings, ()
+    expected = " or ".join(DEEP_COMPRESSIONS)
+    found = f"compression {settings.compression!r} in a deep picture"
+    return replace(settings, compression=""), (finding("product-metadata", where, found, expected),)
+
+
+def _check_view(settings: RenderSettings, *, is_from_variable: bool) -> None:
+    """Raise an error if the view of a picture does not exist."""
+    try:
+        view_of(settings)
+    except UsageError as error:
+        if is_from_variable and error.where == "ocio_config":
+            raise UsageError("$OCIO", error.found, error.expected) from None
+        raise
 
 
 def _pixel_type(spec: ProductSpec, settings: RenderSettings, *, is_png: bool) -> PixelType | None:

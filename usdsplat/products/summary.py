@@ -17,9 +17,11 @@ from usdsplat.formats import Capture
 from usdsplat.interchange import provenance
 from usdsplat.interchange.axes_choice import choose_axes, with_axes
 from usdsplat.interchange.frame_guess import guess_frame
+from usdsplat.interchange.unapplied import is_cropped, is_graded
 from usdsplat.schema.proxy import points_of
 from usdsplat.schema.stage_values import up_axis
 from usdsplat.schema.validation import splat_fields
+from usdsplat.sim.stage.provenance import well_typed
 
 PERCENTILES = (1, 25, 50, 75, 99)
 ROBUST = (1, 99)
@@ -110,7 +112,8 @@ def _of_field(prim: Usd.Prim, time: float | None) -> dict[str, Any]:
     numeric = [code for code in samples if code is not None]
     imageable = UsdGeom.Imageable(prim)
     size = _stored_bytes(prim, time)
-    origin = _plain(prim.GetCustomDataByKey(provenance.KEY) or {})
+    stored = prim.GetCustomDataByKey(provenance.KEY)
+    origin = dict(stored) if isinstance(stored, dict) else {}
     bake = origin.pop("bake", None)
     return {
         **identity,
@@ -123,9 +126,11 @@ def _of_field(prim: Usd.Prim, time: float | None) -> dict[str, Any]:
         "rasterize_mode": schema.rasterize_mode(prim),
         "projection_mode": schema.projection_mode(prim),
         "sorting_mode": schema.sorting_mode(prim),
+        "graded": is_graded(prim, time),
+        "cropped": is_cropped(prim),
         "purpose": str(imageable.ComputePurpose()),
-        "provenance": origin,
-        "bake": _of_bake(bake) if bake else None,
+        "provenance": _plain(origin),
+        "bake": _of_bake(bake) if bake and isinstance(bake, dict) else None,
     }
 
 
@@ -147,17 +152,20 @@ def _of_points(prim: Usd.Prim, time: float | None) -> dict[str, Any]:
 
 
 def _of_bake(record: dict[str, Any]) -> dict[str, Any]:
-    """Describe a bake from its provenance, without the entries that only resuming needs."""
-    first, last = record["frameRange"]
+    """Describe a bake from its provenance, without the entries that only resuming needs; those that
+    it lacks are None."""
+    known = well_typed(record)
+    span, done = known.get("frameRange"), known.get("completedFrames")
+    total = None if span is None else f"{span[1] - span[0] + 1:g}"
     return {
-        "mode": record["mode"],
-        "frames": [first, last],
-        "completed": f"{record['completedFrames']} of {last - first + 1:g}",
-        "resumes_from": record["checkpoint"],
-        "substeps": record["substeps"],
-        "seed": record["seed"],
-        "made_by": f"usdsplat {record['solverVersion']}",
-        "inputs": [line.split("  ", 1)[-1] for line in record["inputHash"]],
+        "mode": known.get("mode"),
+        "frames": None if span is None else list(span),
+        "completed": None if done is None or total is None else f"{done} of {total}",
+        "resumes_from": known.get("checkpoint"),
+        "substeps": known.get("substeps"),
+        "seed": known.get("seed"),
+        "made_by": f"usdsplat {known['solverVersion']}" if "solverVersion" in known else None,
+        "inputs": [line.split("  ", 1)[-1] for line in known.get("inputHash", ())],
     }
 
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 from pxr import Pcp, Usd
 
 from usdsplat.core.findings import Finding, finding
 from usdsplat.schema.metrics import metrics_findings
+from usdsplat.schema.stage_values import in_world
 from usdsplat.schema.value_clips import clip_assets
 
 _ASSET = re.compile(r"Could not open asset @(.*?)@ for (\w+) introduced by .*?( -- .*)?$")
@@ -23,7 +24,13 @@ def composition_findings(stage: Usd.Stage) -> list[Finding]:
     """Return what the arcs of a stage ask for and do not get: a finding for each composition error,
     except muted layers, each missing file of a value clip, each asset with another unit or up axis,
     and each instance with opinions below it, which USD ignores; by path."""
-    found = [*_errors(stage), *metrics_findings(stage), *_clips(stage), *_ignored(stage)]
+    prims = list(in_world(stage))
+    found = [
+        *_errors(stage),
+        *metrics_findings(stage, prims),
+        *_clips(prims),
+        *_ignored(stage, prims),
+    ]
     once = {each.key: each for each in found}
     return sorted(once.values(), key=lambda each: (each.path, each.found))
 
@@ -48,19 +55,19 @@ def _errors(stage: Usd.Stage) -> list[Finding]:
     return [_finding(path, error) for path, error in placed]
 
 
-def _clips(stage: Usd.Stage) -> Iterator[Finding]:
+def _clips(prims: Iterable[Usd.Prim]) -> Iterator[Finding]:
     """Yield a finding for each missing file of a value clip."""
-    for prim, asset in clip_assets(stage):
+    for prim, asset in clip_assets(prims):
         if not asset.resolvedPath:
             found = f"no file {asset.path} for a value clip"
             yield finding("missing-asset", str(prim.GetPath()), found, "a layer that USD can read")
 
 
-def _ignored(stage: Usd.Stage) -> Iterator[Finding]:
+def _ignored(stage: Usd.Stage, prims: Iterable[Usd.Prim]) -> Iterator[Finding]:
     """Yield a finding for each instance below which the stage's own layers have opinions."""
     layers = stage.GetLayerStack()
-    for prim in stage.Traverse():
-        if prim.IsInstance():
+    for prim in prims:
+        if prim.IsInstance() and not prim.IsInstanceProxy():
             specs = filter(None, (layer.GetPrimAtPath(prim.GetPath()) for layer in layers))
             names = sorted({child.name for spec in specs for child in spec.nameChildren})
             if names:

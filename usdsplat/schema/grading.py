@@ -37,7 +37,8 @@ def grade(prim: Usd.Prim, time: Time = None) -> Grade:
         time: Time code; None is the default value or, without one, the first sample.
 
     Raises:
-        StageError: If a value is out of range, not finite or of the wrong type.
+        StageError: If a value is out of range, not finite or of the wrong type; it names the prim
+            that has the value.
     """
     values: dict[str, Any] = {}
     for field, (name, kind) in _ATTRIBUTES.items():
@@ -53,9 +54,9 @@ def grade(prim: Usd.Prim, time: Time = None) -> Grade:
             found = f"a value of type {attribute.GetTypeName()}"
             where = f"{attribute.GetPrim().GetPath()} {name}"
             raise StageError(where, found, str(kind)) from error
-    result = Grade(**values)
-    result.check(f"{prim.GetPath()} {_PREFIX}", error=StageError)
-    return result
+        where = f"{attribute.GetPrim().GetPath()} {_PREFIX}"
+        Grade(**{field: values[field]}).check(where, error=StageError)
+    return Grade(**values)
 
 
 def author_grade(prim: Usd.Prim, *, time: Time = None, **values: Any) -> None:

@@ -7,7 +7,7 @@ its scale or rotation, or by the ops that metrics assemblers write, such as
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 from pxr import Pcp, Sdf, Usd, UsdGeom
@@ -15,7 +15,7 @@ from pxr import Pcp, Sdf, Usd, UsdGeom
 from usdsplat.core.cloud import F64
 from usdsplat.core.errors import StageError
 from usdsplat.core.findings import Finding, finding
-from usdsplat.schema.stage_values import UP_AXES, in_world, local_transform, op_names
+from usdsplat.schema.stage_values import UP_AXES, local_transform, op_names
 
 RESOLVED = "unitsResolve"
 """Suffix of the ops of metrics assemblers."""
@@ -26,9 +26,14 @@ _UNIT, _AXIS = UsdGeom.Tokens.metersPerUnit, UsdGeom.Tokens.upAxis
 _ARCS = (Pcp.ArcTypeReference, Pcp.ArcTypePayload)
 
 
-def metrics_findings(stage: Usd.Stage) -> Iterator[Finding]:
+def metrics_findings(stage: Usd.Stage, prims: Iterable[Usd.Prim]) -> Iterator[Finding]:
     """Yield a finding for each referenced asset whose authored unit or up axis is another than that
-    of the layer that refers to it, unless a transform corrects it."""
+    of the layer that refers to it, unless a transform corrects it.
+
+    Args:
+        stage: The stage.
+        prims: Its prims, see `in_world`.
+    """
     layers = [layer.pseudoRoot for layer in stage.GetUsedLayers(False)]
     varies = [
         name
@@ -37,7 +42,7 @@ def metrics_findings(stage: Usd.Stage) -> Iterator[Finding]:
     ]
     if not varies:
         return
-    for prim in in_world(stage):
+    for prim in prims:
         if prim.HasAuthoredReferences() or prim.HasAuthoredPayloads():
             yield from _of_prim(prim, varies)
 

@@ -91,3 +91,21 @@ def test_a_misspelt_crop_of_a_model_is_a_finding(stage) -> None:
         (found,) = engine.findings
     assert (found.code, found.path) == ("unknown-name", "/World")
     assert "cropExclude" in found.expected
+
+
+@pytest.mark.parametrize(("where", "count"), [("/World/A", 1), ("/World", 1), ("/Above", 0)])
+def test_a_crop_in_a_prototype_of_a_point_instancer_is_a_finding(stage, where, count) -> None:
+    """Oracle: volumes do not move with the instances if the crop is part of the prototype, at its
+    root or below; one above the prototype is meant for the world."""
+    forest = UsdGeom.PointInstancer.Define(stage, "/Forest")
+    if where == "/Above":
+        stage.DefinePrim("/Above", "Xform")
+        Sdf.CopySpec(stage.GetRootLayer(), "/World", stage.GetRootLayer(), "/Above/World")
+        stage.RemovePrim("/World")
+    forest.GetPrototypesRel().AddTarget("/Above/World" if where == "/Above" else "/World")
+    forest.GetProtoIndicesAttr().Set([0])
+    forest.GetPositionsAttr().Set([(0, 0, 0)])
+    crop(stage, where, "/Mattes/One", name="cropExclude")
+    with Engine(stage) as engine:
+        found = [each for each in engine.findings if each.path.endswith("A")]
+    assert [each.code for each in found] == ["crop-member"] * count

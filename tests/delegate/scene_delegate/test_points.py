@@ -70,6 +70,27 @@ def test_widths_colours_and_opacities_follow_their_interpolation() -> None:
     assert np.ptp(drawn(stage)["/World/Points"].cloud.scales) == 0
 
 
+def test_the_primvar_of_widths_has_precedence() -> None:
+    """Oracle: the documentation of UsdGeomPoints; a blocked primvar has no value."""
+    stage, prim = stage_of(((0, 0, 0), (1, 0, 0)), (8.0, 8.0))
+    before = drawn(stage)["/World/Points"].cloud.scales
+    widths = UsdGeom.PrimvarsAPI(prim).CreatePrimvar(
+        "widths", Sdf.ValueTypeNames.FloatArray, UsdGeom.Tokens.vertex
+    )
+    widths.Set([2.0, 4.0])
+    scales = drawn(stage)["/World/Points"].cloud.scales
+    np.testing.assert_allclose(scales, before * [[0.25], [0.5]], rtol=1e-6)
+    widths.Set([2.0, 4.0], 1)
+    widths.Set([4.0, 8.0], 2)
+    with Engine(stage, time=1) as engine:
+        engine.set_time(2)
+        engine.sync()
+        ((_, field, _),) = engine.render_scene.drawn()
+        np.testing.assert_allclose(field.spec.cloud.scales, before * [[0.5], [1]], rtol=1e-6)
+    widths.GetAttr().Block()
+    np.testing.assert_array_equal(drawn(stage)["/World/Points"].cloud.scales, before)
+
+
 def test_a_colour_may_be_inherited_and_in_another_space() -> None:
     """Oracle: USD's inheritance of constant primvars, and the identity from sRGB to sRGB."""
     stage, _ = stage_of()
@@ -127,6 +148,9 @@ def test_edits_are_drawn_as_by_a_fresh_engine() -> None:
         lambda: prim.GetPointsAttr().Set([(0, 1, 0), (1, 0, 1)]),
         lambda: prim.GetWidthsAttr().Set([0.5, 0.25]),
         lambda: prim.GetDisplayColorPrimvar().Set([(0, 1, 0.5)]),
+        lambda: UsdGeom.PrimvarsAPI(prim).CreatePrimvar("widths", opacity).Set([0.75]),
+        lambda: UsdGeom.PrimvarsAPI(prim).GetPrimvar("widths").Set([0.125]),
+        lambda: UsdGeom.PrimvarsAPI(prim).RemovePrimvar("widths"),
         lambda: inherited.CreatePrimvar("displayOpacity", opacity).Set([0.5]),
         lambda: prim.CreateVelocitiesAttr().Set([(1, 0, 0), (0, 1, 0)]),
         lambda: UsdGeom.XformCommonAPI(world).SetTranslate(Gf.Vec3d(1, 2, 3)),
@@ -146,12 +170,15 @@ def test_edits_are_drawn_as_by_a_fresh_engine() -> None:
     [
         ("points", [(float("nan"), 0, 0)]),
         ("widths", [-1.0]),
+        ("primvars:widths", [-1.0]),
         ("primvars:displayColor", [(float("inf"), 0, 0)]),
     ],
 )
 def test_points_that_cannot_be_drawn_are_a_finding(name, value) -> None:
     """Oracle: the code, and the attribute that the sentence names."""
     stage, prim = stage_of(color=(1, 1, 1))
+    if name == "primvars:widths":
+        UsdGeom.PrimvarsAPI(prim).CreatePrimvar("widths", Sdf.ValueTypeNames.FloatArray)
     prim.GetPrim().GetAttribute(name).Set(value)
     with Engine(stage) as engine:
         (found,) = engine.findings

@@ -271,6 +271,20 @@ def test_a_product_adds_entries_to_headers_as_for_husk(stage):
     assert "'pxr24'" in [each.found for each in product.findings]
 
 
+def test_channels_that_would_have_another_name_are_a_note(stage):
+    """Oracle: the name authored here, which Solaris gives each var."""
+    var = next(prim for prim in stage.Traverse() if prim.IsA(UsdRender.Var))
+    name = "driver:parameters:aov:name"
+    var.CreateAttribute(name, Sdf.ValueTypeNames.String).Set("mine")
+    with Engine(stage) as engine:
+        found = [each for product in engine.products() for each in product.findings]
+    named = [each for each in found if each.code == "unsupported-name"]
+    assert named
+    assert {(each.path, each.attribute, each.severity) for each in named} == {
+        (str(var.GetPath()), name, "note")
+    }
+
+
 def held_out(product, path):
     """What `View.matte` says rules mean."""
     above = [rule for rule in product.matte if Sdf.Path(path).HasPrefix(Sdf.Path(rule[0]))]

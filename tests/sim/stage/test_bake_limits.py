@@ -60,7 +60,7 @@ def test_frames_out_of_turn_are_refused(tmp_path: Path) -> None:
     ("change", "sentence"),
     [
         ({"writes": frozenset({"colour"})}, "writes: found colour"),
-        ({"name": "shot.usda"}, "a layer of the stage itself"),
+        ({"name": "shot.usda"}, "a file of the stage itself"),
         ({"name": "bake.usdc"}, "found the suffix '.usdc', expected .usda"),
         ({"name": "no/folder/bake.usda"}, "found No such file or directory"),
         ({"prim": "/World"}, "found no splat field"),

@@ -31,13 +31,17 @@ GRADES = schema.GRADE_ATTRIBUTES
 CROPS = (tokens.CROP_INCLUDE, tokens.CROP_EXCLUDE)
 
 
-def unknown_names(prim: Usd.Prim) -> Iterator[Finding]:
-    """Yield a finding for each authored property of a prim with an unknown name."""
-    names = [
+def checked_names(prim: Usd.Prim) -> list[str]:
+    """Return the names of the authored properties of a prim that are ours, or seem to be."""
+    return [
         name
         for name in prim.GetAuthoredPropertyNames()
         if name.startswith((DRAWING, SIMULATION, "collection:crop"))
     ]
+
+
+def unknown_names(prim: Usd.Prim, names: list[str]) -> Iterator[Finding]:
+    """Yield a finding for each of the `checked_names` of a prim that is unknown."""
     for name in names:
         if name.startswith(DRAWING) and name not in KNOWN:
             yield _unknown(prim, name, sorted(KNOWN))
@@ -57,13 +61,18 @@ def unknown_names(prim: Usd.Prim) -> Iterator[Finding]:
             )
 
 
-def inheritable(prim: Usd.Prim) -> list[tuple[Usd.Prim, str]]:
+def inheritable(prim: Usd.Prim, names: list[str]) -> list[tuple[Usd.Prim, str]]:
     """Return (prim, property) of a grade and of each crop collection of a prim, which apply to it
-    and to fields below it."""
-    found = [(prim, name) for name in prim.GetAuthoredPropertyNames() if name in GRADES]
+    and to fields below it.
+
+    Args:
+        prim: The prim.
+        names: Its `checked_names`.
+    """
+    found = [(prim, name) for name in names if name in GRADES]
     crops = (f"collection:{name}" for name in CROPS)
     return found[:1] + [
-        (prim, name) for name in crops if prim.GetAuthoredPropertiesInNamespace(name)
+        (prim, crop) for crop in crops if any(name.startswith(f"{crop}:") for name in names)
     ]
 
 

@@ -1,7 +1,8 @@
 """Read UsdGeomPoints in the renderer's form: each point is a round splat.
 
 A splat of opacity 1 is half transparent at the radius of its point. Widths, colours and opacities
-may be constant or per point, and colours and opacities may be inherited.
+may be constant or per point, and colours and opacities may be inherited. `primvars:widths` has
+precedence over `widths`, as in UsdGeomPoints.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ LINEAR = "lin_rec709_scene"
 
 POINTS, WIDTHS = "points", "widths"
 COLOR, OPACITY = "displayColor", "displayOpacity"
-PROPERTIES = (POINTS, WIDTHS, tokens.IDS, tokens.VELOCITIES)
+PROPERTIES = (POINTS, WIDTHS, f"primvars:{WIDTHS}", tokens.IDS, tokens.VELOCITIES)
 """Own properties that points are read from."""
 
 _PER_POINT = (UsdGeom.Tokens.vertex, UsdGeom.Tokens.varying)
@@ -78,8 +79,8 @@ def are_points_varying(prim: Usd.Prim) -> bool:
         return True
     found = [prim.GetAttribute(name) for name in PROPERTIES]
     api = UsdGeom.PrimvarsAPI(prim)
-    for name in (COLOR, OPACITY):
-        primvar = api.FindPrimvarWithInheritance(name)
+    inherited = [api.FindPrimvarWithInheritance(name) for name in (COLOR, OPACITY)]
+    for primvar in (api.GetPrimvar(WIDTHS), *inherited):
         if primvar:
             found += [primvar.GetAttr(), primvar.GetIndicesAttr()]
     return any(each and each.ValueMightBeTimeVarying() for each in found)
@@ -95,14 +96,19 @@ def _code(prim: Usd.Prim, time: float | None) -> Usd.TimeCode:
 
 def _widths(prim: Usd.Prim, code: Usd.TimeCode, n: int) -> F32:
     """Return the width of each point [scene unit], shape (n, 1)."""
-    where = f"{prim.GetPath()}.{WIDTHS}"
-    widths = vectors(where, value(prim.GetAttribute(WIDTHS), code), 1)
-    if not len(widths):
-        return np.full((n, 1), DEFAULT_WIDTH, np.float32)
+    if UsdGeom.PrimvarsAPI(prim).GetPrimvar(WIDTHS).HasAuthoredValue():
+        where = f"{prim.GetPath()}.primvars:{WIDTHS}"
+        widths = _primvar(prim, WIDTHS, 1, code, n, DEFAULT_WIDTH)
+    else:
+        where = f"{prim.GetPath()}.{WIDTHS}"
+        values = vectors(where, value(prim.GetAttribute(WIDTHS), code), 1)
+        if not len(values):
+            return np.full((n, 1), DEFAULT_WIDTH, np.float32)
+        constant = UsdGeom.Points(prim).GetWidthsInterpolation() not in _PER_POINT
+        widths = _each_point(where, values, n, constant=constant)
     if (widths < 0).any():
         raise StageError(where, "a negative width", "widths of 0 or more")
-    constant = UsdGeom.Points(prim).GetWidthsInterpolation() not in _PER_POINT
-    return _each_point(where, widths, n, constant=constant)
+    return widths
 
 
 def _harmonics(prim: Usd.Prim, code: Usd.TimeCode, n: int) -> F32:

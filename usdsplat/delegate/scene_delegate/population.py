@@ -20,6 +20,7 @@ from usdsplat.core.findings import Finding, finding
 from usdsplat.delegate.instancing import Link, Placement
 from usdsplat.delegate.scene_delegate.matte_names import MatteNames
 from usdsplat.delegate.scene_delegate.names import (
+    checked_names,
     inheritable,
     unknown_names,
     without_fields,
@@ -199,13 +200,16 @@ class _Walk:
         """Name the entries and sort their appearances."""
         for (kind, *_), seen in self._seen.items():
             if kind == "field":
-                carried = any(appearance.placement.links for appearance in seen)
                 seen = [self._with_named_material(each) for each in seen]
                 seen.sort(key=lambda appearance: appearance.order)
                 first = seen[0].levels[-1].prim
-                crop = NO_CROP if is_points(first) else find_crop(first, carried=carried)
+                levels = (level for each in seen for level in each.levels)
+                roots = {level.root.GetPath() for level in levels if level.root}
+                crop = NO_CROP if is_points(first) else find_crop(first, roots=roots)
                 _enlist(self._found.fields, seen, crop)
-        self._found.findings += without_fields(self._inheritable, self._found.above_fields())
+        if self._inheritable:
+            above = self._found.above_fields()
+            self._found.findings += without_fields(self._inheritable, above)
         volumes = self._found.crop_volumes
         for (kind, *_), seen in self._seen.items():
             drawn = [each for each in seen if each.placement.path not in volumes]
@@ -231,13 +235,11 @@ class _Walk:
             material=self._names.material(prim) if kind == "field" else "",
         )
         appearance = Appearance(placement=placement, levels=levels)
-        inherited: tuple[object, ...] = (
-            _inherited_space(prim),
-            _cropped_alone(prim),
-            _inherited_grade(prim),
-        )
+        inherited: tuple[object, ...]
         if kind == "mesh" or is_points(prim):
             inherited = self._inherited_looks(prim)
+        else:
+            inherited = (_inherited_space(prim), _cropped_alone(prim), _inherited_grade(prim))
         key = (kind, source_of(prim).GetPath(), inherited)
         self._seen.setdefault(key, []).append(appearance)
 
@@ -253,8 +255,9 @@ class _Walk:
             if source in self._checked:
                 return
             self._checked.add(source)
-        self._found.findings += unknown_names(prim)
-        self._inheritable += inheritable(prim)
+        if names := checked_names(prim):
+            self._found.findings += unknown_names(prim, names)
+            self._inheritable += inheritable(prim, names)
 
     def _add_other(self, prim: Usd.Prim) -> None:
         source = source_of(prim).GetPath()

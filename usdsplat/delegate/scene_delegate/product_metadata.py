@@ -30,7 +30,7 @@ WRITER_OPTIONS = ("compression", "multipart", "storage", "tiles", "asrgba")
 def entries(product: Usd.Prim, time: Usd.TimeCode) -> tuple[tuple[str, Entry], ...]:
     """Return the header entries that a product adds at a time."""
     found = []
-    for name, value in _added(product, time):
+    for _, name, value in _added(product, time):
         with suppress(UsageError):  # `problems` reports it
             found.append(entry("", name, value))
     return tuple(found)
@@ -44,15 +44,15 @@ def compression(product: Usd.Prim) -> str:
 
 def problems(product: Usd.Prim, time: Usd.TimeCode) -> Iterator[Finding]:
     """Yield a finding for each of these attributes that is left out."""
-    where = f"{product.GetPath()}.{METADATA}OpenEXR:"
     if (asked := _asked(product)) and not compression(product):
         expected = f"one of {', '.join(_supported(product))}"
-        yield finding("product-metadata", f"{where}compression", repr(asked), expected)
-    for name, value in _added(product, time):
+        where = f"{product.GetPath()}.{METADATA}OpenEXR:compression"
+        yield finding("product-metadata", where, repr(asked), expected)
+    for where, name, value in _added(product, time):
         try:
             entry("", name, value)
         except UsageError as error:
-            yield finding("product-metadata", f"{where}{name}", error.found, error.expected)
+            yield finding("product-metadata", where, error.found, error.expected)
 
 
 def _asked(product: Usd.Prim) -> str:
@@ -65,8 +65,8 @@ def _supported(product: Usd.Prim) -> tuple[str, ...]:
     return DEEP_COMPRESSIONS if is_deep else FLAT_COMPRESSIONS
 
 
-def _added(product: Usd.Prim, time: Usd.TimeCode) -> Iterator[tuple[str, Entry]]:
-    """Yield (name, value) of the entries that a product asks for."""
+def _added(product: Usd.Prim, time: Usd.TimeCode) -> Iterator[tuple[str, str, Entry]]:
+    """Yield (path of the attribute, name, value) of the entries that a product asks for."""
     for attribute in product.GetAuthoredAttributes():
         if not attribute.GetName().startswith(METADATA):
             continue
@@ -75,7 +75,7 @@ def _added(product: Usd.Prim, time: Usd.TimeCode) -> Iterator[tuple[str, Entry]]
         name = name.removeprefix("OpenEXR:")
         value = attribute.Get(time) if is_added and name not in WRITER_OPTIONS else None
         if value is not None and value != "":
-            yield name, _header_value(value)
+            yield str(attribute.GetPath()), name, _header_value(value)
 
 
 def _header_value(value: Any) -> Entry:
@@ -86,4 +86,4 @@ def _header_value(value: Any) -> Entry:
         numbers = tuple(float(number) for number in np.asarray(value, np.float64).ravel())
     except (TypeError, ValueError):
         return str(value)
-    return numbers if len(numbers) > 1 else str(value)
+    return numbers if len(numbers) != 1 else numbers[0]

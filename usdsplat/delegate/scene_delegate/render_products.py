@@ -137,7 +137,9 @@ def read_products(
         reader = _Reader(product, prim, render_pass, code)
         try:
             spec = reader.product(camera=camera, resolution=resolution, overrides=overrides)
-            yield replace(spec, findings=(*findings, *reader.problems(), *reader.foreign()))
+            yield replace(
+                spec, findings=(*findings, *reader.problems(), *reader.foreign(), *reader.renamed())
+            )
         except StageError as error:
             yield error
 
@@ -249,9 +251,12 @@ class _Reader:
         prim = self._giver(name)
         value = prim.GetAttribute(name).Get(self._time)
         fallback = prim.GetPrimDefinition().GetAttributeFallbackValue(name)
+        if isinstance(fallback, float) and isinstance(value, int):
+            value = float(value)
         if value is not None and fallback is not None and not isinstance(value, type(fallback)):
             found = f"a value of type {prim.GetAttribute(name).GetTypeName()}"
-            raise StageError(f"{prim.GetPath()}.{name}", found, "the schema's type")
+            expected = f"one of type {type(fallback).__name__}"
+            raise StageError(f"{prim.GetPath()}.{name}", found, expected)
         return fallback if value is None else value
 
     def _giver(self, name: str) -> Usd.Prim:
@@ -321,6 +326,15 @@ class _Reader:
             for path, name in sources
             if name not in AOVS
         )
+
+    def renamed(self) -> Iterator[Finding]:
+        """Yield a finding for each var whose channels should have a name of their own."""
+        for aov, var in self._vars():
+            attribute = var.GetPrim().GetAttribute("driver:parameters:aov:name")
+            name = attribute.Get() if attribute else None
+            if name and name != aov:
+                where = str(attribute.GetPath())
+                yield finding("unsupported-name", where, repr(name), f"channels of {aov}")
 
     def _vars(self) -> Iterator[tuple[str, UsdRender.Var]]:
         """Yield (our AOV name, var) of the product's supported vars."""

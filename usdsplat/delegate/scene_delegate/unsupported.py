@@ -29,25 +29,28 @@ TYPES = (
 )  # fmt: skip
 """Types that a misspelt one may mean."""
 
-FALLBACKS: dict[str, Any] = {
+_SURFACE: dict[str, Any] = {
+    **dict.fromkeys((
+        "diffuseColor", "specularColor", "roughness", "clearcoat", "clearcoatRoughness",
+        "opacityMode", "opacityThreshold", "ior", "normal", "occlusion",
+    )),
     "opacity": 1.0,
     "metallic": 0.0,
     "emissiveColor": (0.0, 0.0, 0.0),
     "displacement": 0.0,
     "useSpecularWorkflow": 0,
-}
-"""Unsupported input of UsdPreviewSurface -> its fallback, with which it has no effect.
+}  # fmt: skip
+"""Input of UsdPreviewSurface -> its fallback if it is unsupported and other values would change
+brightness, hue or coverage; else None.
 
 Source: the UsdPreviewSurface specification.
 """
 
-_SURFACE = (
-    "diffuseColor", "emissiveColor", "useSpecularWorkflow", "specularColor", "metallic",
-    "roughness", "clearcoat", "clearcoatRoughness", "opacity", "opacityMode", "opacityThreshold",
-    "ior", "normal", "displacement", "occlusion",
-)  # fmt: skip
+FALLBACKS = {name: fallback for name, fallback in _SURFACE.items() if fallback is not None}
+"""Unsupported input of UsdPreviewSurface -> its fallback, with which it has no effect."""
+
 INPUTS = {
-    "UsdPreviewSurface": _SURFACE,
+    "UsdPreviewSurface": tuple(_SURFACE),
     "UsdUVTexture": ("file", "st", "wrapS", "wrapT", "fallback", "scale", "bias",
                      "sourceColorSpace"),
     "UsdTransform2d": ("in", "rotation", "scale", "translation"),

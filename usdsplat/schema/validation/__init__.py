@@ -94,7 +94,8 @@ def validate(
 
     Returns:
         Findings in the order of the fields, then those of transforms and of the stage; empty if
-        there are none. A fault that several samples of an attribute share is one finding.
+        there are none. A fault that several samples of an attribute share is one finding, and so is
+        one of a value that several fields inherit.
     """
     fields = list(splat_fields(stage))
     checks = [check for group in CHECKS.values() for check in group]
@@ -105,7 +106,11 @@ def validate(
         findings += check_field(prim, checks, codes)
     progress.step("validating", len(fields), len(fields))
     findings += check_transforms(stage)
-    return [*findings, *_stage_metadata(stage)] if fields else findings
+    findings += _stage_metadata(stage) if fields else ()
+    once: dict[tuple[str, ...], Finding] = {}
+    for each in findings:
+        once.setdefault(each.key, each)
+    return list(once.values())
 
 
 def check_field(

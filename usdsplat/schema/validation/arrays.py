@@ -181,17 +181,22 @@ def scales(sample: Sample) -> Iterator[Finding]:
 
 
 def _newborn(sample: Sample) -> npt.NDArray[np.bool_]:
-    """Return which splats are not in the sample before, by their ids, shape (n,)."""
+    """Return which splats are not in the sample before, by their ids, or are invisible there,
+    shape (n,). A bake gives a splat a row before its birth, with opacity 0."""
     ids = sample.array(tokens.IDS)
     none = np.zeros(sample.count, np.bool_)
     if ids is None or len(ids) != sample.count or not sample.code.IsNumeric():
         return none
-    times = attributes.sample_times(sample.prim, {tokens.IDS})
+    names = {tokens.IDS, sample.name(tokens.OPACITIES)}
+    times = attributes.sample_times(sample.prim, names)
     earlier = [time for time in times if time < sample.code.GetValue()]
     if not earlier:
         return none
-    before = replace(sample, code=Usd.TimeCode(max(earlier))).array(tokens.IDS)
-    return none if before is None else ~np.isin(ids, before)
+    before = replace(sample, code=Usd.TimeCode(max(earlier)))
+    known, opacity = before.array(tokens.IDS), before.numbers(tokens.OPACITIES)
+    if known is None:
+        return none
+    return ~np.isin(ids, known[opacity > 0] if len(opacity) == len(known) else known)
 
 
 def _quaternions(sample: Sample) -> Iterator[Finding]:

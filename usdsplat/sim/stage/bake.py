@@ -72,6 +72,7 @@ class Bake:
         self._provenance = provenance
         self._epochs = 0
         self._is_new = False
+        self._has_begun = False
         self._kept: dict[str, int] | None = None
         self.resumed: Checkpoint | None = None
         """Checkpoint to continue from: states after the frame `resumed.time`."""
@@ -224,6 +225,7 @@ class Bake:
         try:
             if self._is_new:
                 self._layers.begin()
+            self._has_begun = True
             if not self.is_complete:
                 self._present()
         except BaseException:
@@ -245,8 +247,8 @@ class Bake:
 
     def _leave(self) -> None:
         """Remove what an unfinished bake cannot use: everything before the first checkpoint, and
-        frames after the last one."""
-        if self.is_complete:
+        frames after the last one. A bake that could not begin has nothing to remove."""
+        if self.is_complete or not self._has_begun:
             return
         if self._kept is None:
             self._layers.discard()

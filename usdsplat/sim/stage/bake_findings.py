@@ -26,10 +26,18 @@ def bake_findings(stage: Usd.Stage) -> Iterator[Finding]:
                 expected = f"the file beside {layer.GetDisplayName()}"
                 yield finding("no-results", "/", found, expected)
         if _is_unfinished(record):
-            first, last = record["frameRange"]
-            done = counted(int(record.get("completedFrames", 0)), "frame")
-            found = f"{layer.GetDisplayName()}, an interrupted bake, with {done}"
-            yield finding("unfinished-bake", "/", found, f"all from {first:g} to {last:g}")
+            yield _unfinished(layer, record)
+
+
+def _unfinished(layer: Sdf.Layer, record: Mapping[str, Any]) -> Finding:
+    """Return the finding about an interrupted bake, whose record may be damaged."""
+    found = f"{layer.GetDisplayName()}, an interrupted bake"
+    if not {"frameRange", "completedFrames"} <= record.keys():
+        found += " with a damaged record"
+        return finding("unfinished-bake", "/", found, "completedFrames and frameRange")
+    first, last = record["frameRange"]
+    found += f", with {counted(record['completedFrames'], 'frame')}"
+    return finding("unfinished-bake", "/", found, f"all from {first:g} to {last:g}")
 
 
 def _is_layer(layer: Sdf.Layer, path: str) -> bool:

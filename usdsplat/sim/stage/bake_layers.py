@@ -32,6 +32,7 @@ from usdsplat.core.output import output_group
 from usdsplat.core.readable import check_referable
 from usdsplat.schema import tokens
 from usdsplat.schema.usd_files import export_layer
+from usdsplat.schema.value_clips import stage_files
 from usdsplat.sim.stage.bake_findings import is_unfinished
 from usdsplat.sim.stage.plan import Plan
 from usdsplat.sim.stage.provenance import nested
@@ -75,17 +76,24 @@ class BakeLayers:
         self._remove(_WORK if keeps_clips else (*_CLIPS, *_WORK))
 
     def discard(self) -> None:
-        """Remove the named layer and the folder, unless they are complete: then only the error was
-        late, for example of synchronising with the disk."""
-        with suppress(OSError, Tf.ErrorException):
-            data = [self.folder / name for name in ("samples.usdc", "clips.usda")]
-            if any(path.exists() for path in data) and not is_unfinished(self.target):
-                self.end(keeps_clips=not data[0].exists())
-                return
+        """Remove an unfinished named layer and the folder. Complete ones stay: then only the error
+        was late, for example of synchronising with the disk. So does a named layer of an earlier
+        bake that this one has not replaced."""
+        try:
+            is_ours = is_unfinished(self.target)
+        except (OSError, Tf.ErrorException):
+            is_ours = False  # damaged by another program: what a bake puts in place is complete
+        data = [self.folder / name for name in ("samples.usdc", "clips.usda")]
+        if not is_ours and any(map(os.path.exists, data)):
+            with suppress(OSError):
+                self.end(keeps_clips=not os.path.exists(data[0]))
+            return
+        with suppress(OSError):
             self._remove((*_CLIPS, *_WORK, "samples.usdc"))
             self.folder.rmdir()
-        with suppress(OSError):
-            self.target.unlink()
+        if is_ours:
+            with suppress(OSError):
+                self.target.unlink()
 
     def show_clips(self, spans: Sequence[tuple[float, float]], record: Mapping[str, Any]) -> None:
         """Write the named layer over the finished clips.
@@ -171,10 +179,11 @@ class BakeLayers:
         root = self._stage.GetRootLayer()
         if root.anonymous or not root.realPath:
             raise StageError(root.identifier, "a stage without a file", "a saved one")
-        check_referable(root.realPath)
-        used = {Path(layer.realPath) for layer in self._stage.GetUsedLayers() if layer.realPath}
+        for path in (root.realPath, self.folder):
+            check_referable(path, self.target.parent)
+        used = map(Path, stage_files(self._stage))
         if self.target.resolve() in {path.resolve() for path in used}:
-            raise StageError(str(self.target), "a layer of the stage itself", "another name")
+            raise StageError(str(self.target), "a file of the stage itself", "another name")
         if not self.target.parent.is_dir():
             found = os.strerror(errno.ENOENT)
             raise OutputError(str(self.folder), found, "a folder that can be made")

@@ -29,7 +29,7 @@ from usdsplat.sim.solver import Solver
 from usdsplat.sim.stage.bake import Bake
 from usdsplat.sim.stage.field_space import changed_arrays, to_field_space
 from usdsplat.sim.stage.plan import BakedField
-from usdsplat.sim.stage.provenance import Provenance, input_hash, parameter_hash
+from usdsplat.sim.stage.provenance import Provenance, input_hash, parameter_hash, parameter_lines
 from usdsplat.sim.stage.recipe import UNGUARDED, StageRecipe, find_simulations, recipes
 from usdsplat.sim.state import Frame, State
 from usdsplat.sim.uses import Uses, uses_over
@@ -375,11 +375,11 @@ def _provenance(simulation: Simulation, parameters: Parameters) -> Provenance:
     """Return what a bake is made of."""
     sim, stage, frames = parameters.sim, simulation.stage, simulation.frames
     with simulation.reading:
-        rate = stage.GetTimeCodesPerSecond()
-        opinions = parameter_hash(stage, frames)
-        edits = stage.GetSessionLayer().identifier
+        opinions, lines = parameter_hash(stage, frames), parameter_lines(stage, frames)
+        rate, edits = stage.GetTimeCodesPerSecond(), stage.GetSessionLayer().identifier
     return Provenance(
         param_hash=opinions,
+        parameters=lines,
         input_hash=input_hash(stage, without=[edits], reading=simulation.reading),
         seed=sim.seed,
         substeps=sim.substeps,
