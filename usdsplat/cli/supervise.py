@@ -106,6 +106,12 @@ def _command(child: Child | None) -> int:
         from usdsplat.cli import failures
 
         status = failures.interrupted(error)
+    except Exception:  # what a C++ module that was interrupted while it was loaded makes of it
+        if not interrupt.received():
+            raise
+        from usdsplat.cli import failures
+
+        status = failures.interrupted(interrupt.Interrupted(interrupt.received()))
     for number in interrupt.SIGNALS:
         signal.signal(number, signal.SIG_IGN)
     if child is not None:
