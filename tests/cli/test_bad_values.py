@@ -67,8 +67,7 @@ def written(shot, **values):
 
 @pytest.mark.parametrize(("values", "words", "loses"), CASES.values(), ids=CASES)
 def test_a_bad_value_is_said_and_the_rest_is_drawn(values, words, loses, shot, run, tmp_path):
-    """Oracle: status 0, a sentence on stderr, and a picture; `convert` says the same of what it
-    reads."""
+    """Oracle: status 0, a sentence on stderr, and a picture."""
     path, out = written(shot, **values), tmp_path / "a.exr"
     status, _, err = run("render", path, "-o", out, "--threads", "1")
     assert status == 0
@@ -76,8 +75,7 @@ def test_a_bad_value_is_said_and_the_rest_is_drawn(values, words, loses, shot, r
     assert "Traceback" not in err
     assert out.exists()
     status, told, err = run("convert", path, tmp_path / "a.ply")
-    assert (status, "Traceback" in err) == (0, False)
-    assert "error [bad-camera] /Damaged" in err
+    assert (status, err) == (0, "")
     assert ("600 splats" in told) == (not loses)
     assert ("left out: /Group.xformOpOrder" in told) == loses
 

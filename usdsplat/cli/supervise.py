@@ -12,6 +12,7 @@ command runs in this process. The same signals interrupt it, but only while Pyth
 
 from __future__ import annotations
 
+import atexit
 import os
 import select
 import signal
@@ -19,6 +20,7 @@ import sys
 import time
 from collections.abc import Sequence
 from contextlib import suppress
+from typing import NoReturn
 
 from usdsplat.cli.crash_log import CrashLog
 from usdsplat.cli.streams import open_streams
@@ -106,11 +108,31 @@ def _command(child: Child | None) -> int:
         from usdsplat.cli import failures
 
         status = failures.interrupted(error)
+    except Exception:  # what a C++ module that was interrupted while it was loaded makes of it
+        if not interrupt.received():
+            raise
+        from usdsplat.cli import failures
+
+        status = failures.interrupted(interrupt.Interrupted(interrupt.received()))
     for number in interrupt.SIGNALS:
         signal.signal(number, signal.SIG_IGN)
     if child is not None:
         child.done(status)
+        if interrupt.received():
+            _leave(status)
     return status
+
+
+def _leave(status: int) -> NoReturn:
+    """End this process without the end of the interpreter.
+
+    Threads of C++ code that was interrupted may still run, and crash while it takes place.
+    """
+    atexit._run_exitfuncs()
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(OSError, ValueError):
+            stream.flush()
+    os._exit(status)
 
 
 class Child:

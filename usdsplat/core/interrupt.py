@@ -18,7 +18,10 @@ SIGNALS = tuple(
 
 _PAUSE = 0.01  # s
 
-_IN_CPP = ("pxr", "OpenImageIO", "PyOpenColorIO")
+_IN_CPP = (
+    "pxr", "OpenImageIO", "PyOpenColorIO", "PySide6", "shiboken6", "shibokensupport",
+    "signature_bootstrap",
+)  # fmt: skip
 """Packages of C++ modules that drop exceptions of signal handlers."""
 
 _received = 0

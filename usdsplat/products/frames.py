@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 from usdsplat.core.errors import StageError
@@ -67,7 +68,7 @@ def frames_to_draw(
         return (0.0,)
     first, last = stage.GetStartTimeCode(), stage.GetEndTimeCode()
     if asked == WHOLE_RANGE or any(plan.output.is_sequence for plan in plans):
-        if not last - first < LIMIT:  # true for NaN, too
+        if not -math.inf < last - first < LIMIT:  # true for NaN, too
             found, expected = f"the range {first:g} to {last:g}", f"{LIMIT} frames or fewer"
             raise StageError("stage startTimeCode and endTimeCode", found, expected)
         return tuple(first + i for i in range(max(int(last - first), 0) + 1))
