@@ -11,16 +11,10 @@ from usdsplat.cli.main import main
 
 
 def raised(*, is_hidden: bool) -> BaseException:
-    """An error that was raised while one for lack of memory was handled."""
-    try:
-        try:
-            raise MemoryError
-        except MemoryError:
-            if is_hidden:
-                raise ValueError("a number") from None
-            raise ValueError("a number")  # noqa: B904 - the context is what is tested
-    except ValueError as error:
-        return error
+    """An error as Python raises it while another one, for lack of memory, is handled."""
+    error = ValueError("a number")
+    error.__context__, error.__suppress_context__ = MemoryError(), is_hidden
+    return error
 
 
 @pytest.mark.parametrize("is_hidden", [False, True])

@@ -74,7 +74,7 @@ class Reporter:
         self._json = value
 
     def finish(self) -> None:
-        """Print what `print_json` was given; messages of libraries are findings by then."""
+        """Print the JSON object of the command, if there is one, with all findings added."""
         if self._json is not None:
             findings = [asdict(each) for each in self.everything()]
             console.print_json({**self._json, "findings": findings})

@@ -43,7 +43,9 @@ _FILE = re.compile(
     r"txt|py)(?::\d+)?(?:\s.*)?",
     re.IGNORECASE,
 )
-"""End of the name of a file, of a line in it or of a part, where that of an attribute would be."""
+"""Text after the last full stop of a location if the location is a file, such as "usda" or "py:12".
+
+Otherwise the text is the name of an attribute."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -22,7 +22,7 @@ _IN_CPP = (
     "pxr", "OpenImageIO", "PyOpenColorIO", "PySide6", "shiboken6", "shibokensupport",
     "signature_bootstrap",
 )  # fmt: skip
-"""Packages of C++ modules that drop exceptions of signal handlers."""
+"""C++ packages that ignore an exception raised by a signal handler while they are imported."""
 
 _received = 0
 

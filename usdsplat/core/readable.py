@@ -40,9 +40,9 @@ def readable(path: Path | str) -> str:
 
 
 def original(path: str) -> str:
-    """Return the file or folder for which a name is a link of this process; else `path`.
+    """Return the real path of a file whose path contains a symbolic link made by `readable`.
 
-    Names beside a link, and below a linked folder, are mapped too, whether the file exists or not.
+    A path without such a link is returned unchanged. The file need not exist.
     """
     for folder, parent in _folders.items():
         if path.startswith(folder + os.sep):

@@ -27,8 +27,8 @@ class ProductSpec:
     aovs: tuple[str, ...] = ("color",)
     """Our AOV names, in the order of `orderedVars`."""
     pixel_types: tuple[tuple[str, PixelType], ...] = ()
-    """Pairs (AOV, type) for AOVs whose vars author a type, the more precise one if they differ;
-    "alpha" is that of vars for alpha alone."""
+    """Pairs (AOV, pixel type), for each AOV of which a RenderVar authors a type. If two vars of an
+    AOV differ, the type is float. The name "alpha" stands for vars that request only alpha."""
     purposes: tuple[str, ...] = ("default", "render")
     """`includedPurposes`."""
     matte: tuple[tuple[str, bool], ...] = ()

@@ -115,7 +115,7 @@ def timecode_of(frame: float | Fraction, rate: Fraction) -> Timecode | None:
 
 
 def parse_timecode(text: str, where: str) -> Timecode:
-    """Parse the notation of a time code, such as 01:00:00:00.
+    """Parse a time code written as hours:minutes:seconds:frames, such as 01:00:00:00.
 
     Raises:
         UsageError: If it is not a time code.

@@ -77,7 +77,12 @@ def entry(where: str, name: str, value: Entry) -> tuple[str, Entry]:
 
 
 def _check_numbers(where: str, name: str, value: Entry) -> None:
-    """Raise an error for numbers that headers cannot hold: they have 32 bits."""
+    """Raise an error if a number does not fit into a header, whose numbers have 32 bits.
+
+    Raises:
+        UsageError: If an integer has more than 32 bits, or a float is not finite in single
+            precision.
+    """
     numbers = value if isinstance(value, tuple) else (value,)
     for number in numbers:
         if isinstance(number, int) and not -(2**31) <= number < 2**31:

@@ -1,4 +1,7 @@
-"""Find the splat fields of a stage in all its variants, and the variants that their data needs."""
+"""Find all splat fields of a stage, and for each field the variants that change its data.
+
+Fields that exist only in variants that are not selected are found too.
+"""
 
 from __future__ import annotations
 

@@ -62,8 +62,9 @@ def unknown_names(prim: Usd.Prim, names: list[str]) -> Iterator[Finding]:
 
 
 def inheritable(prim: Usd.Prim, names: list[str]) -> list[tuple[Usd.Prim, str]]:
-    """Return (prim, property) of a grade and of each crop collection of a prim, which apply to it
-    and to fields below it.
+    """Return the properties of a prim that fields below it inherit, as pairs (prim, property name).
+
+    These are those of its grade and its crop collections.
 
     Args:
         prim: The prim.

@@ -21,7 +21,7 @@ from usdsplat.schema import attributes, tokens
 from usdsplat.schema.values import integers, value, vectors
 
 SIGMA = 0.5 / math.sqrt(2 * math.log(2))
-"""Standard deviation of a splat for each unit of width."""
+"""Standard deviation of the splat that draws a point, divided by the width of the point."""
 
 DEFAULT_WIDTH = 1.0
 """Width of points without one [scene unit]."""
