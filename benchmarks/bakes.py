@@ -66,6 +66,7 @@ def bake(stage: Usd.Stage, rest: SplatCloud, mode: Mode, target: Path, frames: i
     parameters = BakeParameters(mode=mode)
     memory = Provenance(
         param_hash=parameter_hash(stage, times),
+        parameters=(),
         input_hash=input_hash(stage),
         seed=0,
         substeps=1,

@@ -13,7 +13,9 @@ from typing import Any
 
 from pxr import Sdf, Tf, Usd, UsdValidation
 
-import usdsplat.schema  # noqa: F401 - before the first stage
+from usdsplat.schema import registration
+
+registration.register()  # before the first stage
 
 _WITHOUT = """
 import json, sys

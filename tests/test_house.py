@@ -164,6 +164,10 @@ RAW = {
     "ComputeRelativeTransform",
     "ComputeWorldBound",
     "ComputeUntransformedBound",
+    "ComputeExtentsHint",
+    "GetLocalTransformation",
+    "GetOrderedXformOps",
+    "TransformMightBeTimeVarying",
 }
 
 

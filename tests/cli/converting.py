@@ -7,6 +7,7 @@ behaves like a process that a user starts.
 from __future__ import annotations
 
 import faulthandler
+import importlib
 import json
 import os
 import subprocess
@@ -76,10 +77,7 @@ def _convert_and_exit(source: str, target: str, errors: int, memory: int) -> Non
 
 
 if __name__ == "__main__":
-    import pxr.Usd  # noqa: F401
-
-    import usdsplat.cli.convert
-    import usdsplat.interchange  # noqa: F401
-
+    for module in ("pxr.Usd", "usdsplat.cli.convert", "usdsplat.interchange"):
+        importlib.import_module(module)  # so that no conversion is measured with its imports
     for line in sys.stdin.read().splitlines():
         print(json.dumps(asdict(_converted(*json.loads(line)))), flush=True)

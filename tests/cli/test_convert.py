@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from pxr import Usd, UsdGeom
 
+from tests.cli.conftest import ball
+from tests.formats.samples import random_cloud
 from usdsplat import formats, schema
 
 
@@ -69,12 +71,20 @@ def test_a_stage_is_repacked(run, shot, tmp_path):
     assert (status, out) == (0, f"{tmp_path}/c.usda: no field changed, all are packed\n")
 
 
+def test_folders_are_made_and_removed_again_on_an_error(run, capture, tmp_path):
+    """Oracle: the file system."""
+    assert run("convert", capture, tmp_path / "a" / "b" / "c.usdc")[0] == 0
+    assert (tmp_path / "a" / "b" / "c.usdc").is_file()
+    assert run("convert", tmp_path / "missing.ply", tmp_path / "d" / "e" / "c.usdc")[0] == 2
+    assert not (tmp_path / "d").exists()
+
+
 @pytest.mark.parametrize(
     ("argv", "sentence"),
     [
         (["missing.ply", "a.usdc"], "missing.ply: found no such file or directory, expected a"),
         (["ball.ply", "a.doc"], "a.doc: found suffix '.doc', expected one of ."),
-        (["ball.ply", "nowhere/a.usdc"], "nowhere/a.usdc: found no folder"),
+        (["ball.ply", "ball.ply/a.usdc"], "ball.ply/a.usdc: found no folder"),
         (["ball.ply", "a.usdc", "--axes", "xyz"], "--axes: found 'xyz', expected the directions"),
         (["ball.ply", "ball.ply"], "ball.ply: found a file that is being read, expected another"),
     ],
@@ -239,3 +249,54 @@ def test_cameras_come_along_with_edits_that_move(run, capture, tmp_path):
     camera = stage.GetPrimAtPath("/ball/cameras/a")
     place = UsdGeom.Xformable(camera).ComputeLocalToWorldTransform(0).ExtractTranslation()
     np.testing.assert_allclose(place, (2, 0, 8), atol=1e-6)
+
+
+@pytest.mark.parametrize("target", ["out.ply", "out.##.ply"])
+def test_an_unapplied_grade_is_a_finding_and_strict_writes_nothing(run, shot, tmp_path, target):
+    """Oracle: the grade authored here, the code, and the files."""
+    stage = Usd.Stage.Open(str(shot))
+    schema.author_grade(stage.GetPrimAtPath("/World/Ball"), exposure=1.0)
+    stage.GetRootLayer().Save()
+    before = sorted(tmp_path.iterdir())
+    status, _, err = run("convert", shot, tmp_path / target, "--strict")
+    assert status == 1 and err.count("warning [not-applied] /World/Ball: found a grade") == 1
+    assert sorted(tmp_path.iterdir()) == before
+    status, _, err = run("convert", shot, tmp_path / target)
+    assert status == 0 and err.count("[not-applied]") == 1
+    assert len(list(tmp_path.glob("out*.ply"))) == (1 if target == "out.ply" else 4)
+
+
+def test_strict_writes_no_stage_with_a_field_that_keeps_its_form(run, tmp_path):
+    """Oracle: a field in instances of another file, which a conversion in place cannot change."""
+    stage = Usd.Stage.CreateNew(str(tmp_path / "in.usda"))
+    UsdGeom.SetStageUpAxis(stage, "Y")
+    UsdGeom.SetStageMetersPerUnit(stage, 1.0)
+    schema.author(stage, "/Source/Ball", ball())
+    for name in ("A", "B"):
+        prim = stage.DefinePrim(f"/{name}", "Xform")
+        prim.GetReferences().AddReference("other.usda", "/Source")
+        prim.SetInstanceable(True)
+    stage.GetRootLayer().Export(str(tmp_path / "other.usda"))
+    stage.RemovePrim("/Source")
+    stage.GetRootLayer().Save()
+    argv = ("convert", tmp_path / "in.usda", tmp_path / "out.usda", "--packed")
+    status, _, err = run(*argv, "--strict")
+    assert status == 1 and "[not-converted]" in err
+    assert not (tmp_path / "out.usda").exists()
+    assert run(*argv)[0] == 0 and (tmp_path / "out.usda").exists()
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_variants_are_counted_if_a_field_depends_on_them(run, tmp_path, count):
+    """Oracle: the number of variants with their own data."""
+    stage = Usd.Stage.CreateNew(str(tmp_path / "a.usda"))
+    sets = stage.DefinePrim("/M", "Xform").GetVariantSets().AddVariantSet("lod")
+    for name in ("few", "many")[:count]:
+        sets.AddVariant(name)
+        sets.SetVariantSelection(name)
+        with sets.GetVariantEditContext():
+            schema.author(stage, "/M/F", random_cloud(4, 0, seed=1))
+    stage.Save()
+    status, out, _ = run("convert", tmp_path / "a.usda", tmp_path / "b.usda", "--packed")
+    expected = {1: "1 field, 1 sample, 4 splats", 2: "1 field in 2 variants, 2 samples, 8 splats"}
+    assert (status, out) == (0, f"{tmp_path}/b.usda: {expected[count]}, now packed\n")

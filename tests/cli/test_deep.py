@@ -7,10 +7,12 @@ import re
 
 import numpy as np
 import pytest
-from pxr import Usd, UsdRender
+from pxr import Sdf, Usd, UsdRender
 
+from tests.cli.test_holdouts import deep, smoke
 from tests.cli.test_render import SMALL, header, read
 from tests.flattening import over
+from tests.images.test_deep import oiiotool
 from usdsplat.images.deep_reader import read_deep
 
 pytestmark = pytest.mark.usefixtures("compiled")
@@ -41,14 +43,15 @@ def test_a_deep_file_flattens_to_the_linear_picture(run, shot, tmp_path):
 
 def test_deep_sequences_resume_and_need_no_comparison(run, shot, tmp_path):
     """Oracle: the files; a frame that is there stays, and no flat picture is spoken of."""
-    (tmp_path / "a.1.exr").write_bytes(b"here already")
-    flags = ("--deep", "--no-compare", "--compression", "zips", "--resume", *SMALL)
-    output = ("-o", tmp_path / "a.%d.exr", "--frames", "1-4x2,2", "--json")
-    status, out, err = run("render", shot, *output, *flags)
+    flags = ("--deep", "--no-compare", "--compression", "zips", *SMALL)
+    output = ("-o", tmp_path / "a.%d.exr", "--json", "--frames")
+    assert run("render", shot, *output, "1", *flags)[0] == 0
+    before = (tmp_path / "a.1.exr").read_bytes()
+    status, out, err = run("render", shot, *output, "1-4x2,2", "--resume", *flags)
     assert (status, "flattened" in err) == (0, False)
     assert [item["frame"] for item in json.loads(out)["pictures"]] == [3, 2]
     assert all(item["deep_samples"] > 1000 for item in json.loads(out)["pictures"])
-    assert (tmp_path / "a.1.exr").read_bytes() == b"here already"
+    assert (tmp_path / "a.1.exr").read_bytes() == before
     assert header(tmp_path / "a.2.exr").getattribute("compression") == "zips"
 
 
@@ -71,11 +74,31 @@ def test_a_product_may_be_deep(run, shot, tmp_path):
     assert "warning [deep-aovs] /Render/deep: found P in a deep picture, expected only" in err
 
 
+def test_a_flat_product_may_be_drawn_deep(run, shot, tmp_path):
+    """Oracle: the compression that Solaris authors for flat pictures is said, and left out."""
+    stage = Usd.Stage.Open(str(shot))
+    settings = UsdRender.Settings.Define(stage, "/Render/Main")
+    product = UsdRender.Product.Define(stage, "/Render/flat")
+    product.GetProductNameAttr().Set(str(tmp_path / "d.exr"))
+    name = "driver:parameters:OpenEXR:compression"
+    product.GetPrim().CreateAttribute(name, Sdf.ValueTypeNames.String).Set("zip")
+    settings.GetProductsRel().AddTarget(product.GetPath())
+    stage.GetRootLayer().Save()
+    flags = (*SMALL, "--no-compare", "--frames", 1)
+    status, _, err = run("render", shot, "--deep", *flags)
+    assert status == 0 and header(tmp_path / "d.exr").deep
+    assert "warning [product-metadata] /Render/flat: found compression 'zip' in a deep" in err
+    assert "product-metadata" not in run("render", shot, *flags)[2]
+
+
 @pytest.mark.parametrize(
     ("argv", "sentence"),
     [
         (["-o", "a.png", "--deep"], "a.png: found a deep picture, expected the suffix .exr"),
-        (["-o", "a.exr", "--deep", "--aovs", "color,P"], "--aovs: found P, expected color or Z"),
+        (
+            ["-o", "a.exr", "--deep", "--aovs", "color,P"],
+            "--aovs: found P, expected some of color, Z",
+        ),
         (["-o", "a.exr", "--deep", "--bake-view"], "--bake-view: found a deep picture, expected"),
         (["-o", "a.exr", "--deep", "--compression", "zip"], "a.exr: found compression 'zip', exp"),
         (
@@ -104,3 +127,57 @@ def test_deep_needs_an_order_of_planar_depths(run, shot, tmp_path):
     assert status == 2
     assert err.splitlines()[-1].startswith("usdsplat: --sorting: found cameraDistance, expected z")
     assert not (tmp_path / "a.exr").exists()
+
+
+@pytest.mark.parametrize("holdout", [False, True])
+@pytest.mark.parametrize("flags", [(), ("--float",)])
+def test_a_deep_file_flattens_to_the_beauty(run, shot, tmp_path, flags, holdout):
+    """Half and float, also with a holdout. Oracle: `oiiotool --flatten` against the flat picture,
+    60 dB or more, which stderr says; opacities are those of the deep picture without the flag;
+    without a comparison, the file is the same."""
+    flags = (*flags, "--frames", 1, *SMALL)
+    if holdout:
+        deep(tmp_path / "cg.exr", smoke)
+        flags = (*flags, "--holdout", tmp_path / "cg.exr")
+    names = {
+        "scene": ("--deep",),
+        "beauty": ("--deep", "--deep-color", "beauty"),
+        "again": ("--deep", "--deep-color", "beauty", "--no-compare"),
+        "flat": ("--float",) if "--float" not in flags else (),
+    }
+    said = {}
+    for name, more in names.items():
+        words = ("render", shot, "-o", tmp_path / f"{name}.exr", *flags, *more)
+        status, _, said[name] = run(*words)
+        assert status == 0
+    flat = read(tmp_path / "flat.exr").astype(np.float64)
+    error = {}
+    for name in ("scene", "beauty"):
+        oiiotool(tmp_path / f"{name}.exr", "--flatten", "-d", "float", "-o", tmp_path / "f.exr")
+        error[name] = (read(tmp_path / "f.exr")[..., :3] - flat[..., :3]).ravel()
+    decibels = {name: -10 * np.log10(np.mean(each**2)) for name, each in error.items()}
+    assert decibels["beauty"] > 60 > decibels["scene"] + 10
+    told = re.search(r"flattened it is ([\d.]+) dB", said["beauty"])
+    assert float(told[1]) == pytest.approx(decibels["beauty"], abs=2)
+    assert "scaled to flatten to the flat picture (--deep-color beauty)" in said["beauty"]
+    scene, beauty, again = (read_deep(tmp_path / f"{k}.exr") for k in list(names)[:3])
+    np.testing.assert_array_equal(beauty.color[:, 3], scene.color[:, 3])
+    np.testing.assert_array_equal(beauty.depth, scene.depth)
+    np.testing.assert_array_equal(beauty.color, again.color)
+    assert "flattened" not in said["again"].splitlines()[-1]
+    meaning = header(tmp_path / "beauty.exr").getattribute("usdsplat:aov:color")
+    assert "scaled per pixel" in meaning
+
+
+def test_the_flat_picture_recolors_the_deep_one(run, shot, tmp_path):
+    """The recipe of docs/deep.md. Oracle: its formula, colour by opacity, and the over operator."""
+    words = ("render", shot, "--float", "--frames", 1, *SMALL)
+    assert run(*words, "--deep", "--no-compare", "-o", tmp_path / "deep.exr")[0] == 0
+    assert run(*words, "-o", tmp_path / "flat.exr")[0] == 0
+    band, flat = read_deep(tmp_path / "deep.exr"), read(tmp_path / "flat.exr")
+    counts = np.diff(band.offsets).reshape(32, 48)
+    cover = np.where(flat[..., 3:] > 0, flat[..., 3:], 1)
+    straight = np.repeat((flat / cover).reshape(-1, 4), counts.ravel(), axis=0)
+    color = np.concatenate([straight[:, :3] * band.color[:, 3:], band.color[:, 3:]], axis=1)
+    error = (over(counts, color) - flat)[..., :3]
+    assert -10 * np.log10(np.mean(error**2)) > 60

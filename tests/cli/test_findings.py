@@ -27,6 +27,7 @@ EXPECTED = {
     "opacity": ("unsupported-input", "/W/Mat/S"),
     "metallic": ("unsupported-input", "/W/Mat/S"),
     "emission": ("unsupported-input", "/W/Mat/S"),
+    "input": ("unknown-name", "/W/Mat/S"),
     "surface": ("unsupported-surface", "/W/Mat/S"),
     "grade": ("unknown-name", "/W/Ball"),
     "samples": ("unknown-name", "/Render/Settings"),
@@ -183,6 +184,16 @@ def test_many_stages_are_validated_and_each_finding_has_its_file(make, run, capt
     assert run("validate", *files)[1].splitlines()[-1] == "4 files: 2 errors, 1 warning"
 
 
+def test_the_only_file_that_cannot_be_read_is_a_finding_in_json(run, tmp_path):
+    """Oracle: the object of --json; without it, one sentence and status 2."""
+    status, out, err = run("validate", tmp_path / "no.usda", "--json")
+    (found,) = json.loads(out)["findings"]
+    assert (status, err) == (1, "")
+    assert (found["code"], found["path"]) == ("unreadable", str(tmp_path / "no.usda"))
+    status, out, err = run("validate", tmp_path / "no.usda")
+    assert (status, out, err.count("\n")) == (2, "", 1)
+
+
 def test_simulate_and_convert_report_the_same_finding(make, run, tmp_path):
     """Oracle: a missing reference, and --json of each command; with --strict no file is written."""
     path = make("reference")
@@ -245,6 +256,69 @@ def test_messages_of_libraries_are_notes_that_only_verbose_prints(capfd):
     err = capfd.readouterr().err
     assert "usdsplat: note [usd-message] USD: found odd stage, expected no message" in err
     assert "RuntimeWarning: odd number" in err
+
+
+class Printed(Warned):
+    """A command that prints JSON, and warns before and after."""
+
+    def run(self, options, reporter):
+        """Warn, report, and warn again."""
+        Tf.Warn("early stage")
+        reporter.print_json({"value": 1})
+        return super().run(options, reporter)
+
+
+def test_json_has_the_messages_of_libraries(capfd):
+    """Oracle: warnings of USD before and after the command's report, and one of Python."""
+    assert reported(Printed(), Options()) == 0
+    printed = json.loads(capfd.readouterr().out)
+    assert printed["value"] == 1
+    found = [each["found"] for each in printed["findings"]]
+    assert [text.split()[-2:] for text in found[:2]] == [["early", "stage"], ["odd", "stage"]]
+    assert found[2:] == ["RuntimeWarning: odd number"]
+
+
+def test_validate_has_the_messages_of_libraries_in_json(make, run_json, monkeypatch):
+    """Oracle: a warning of USD while a stage is checked, and a mistake."""
+    from usdsplat.products import checking
+
+    check = checking.check_stage
+
+    def warned(*args, **options):
+        Tf.Warn("odd stage")
+        return check(*args, **options)
+
+    monkeypatch.setattr(checking, "check_stage", warned)
+    found = run_json("validate", make("dome"))["findings"]
+    assert [each["code"] for each in found] == ["unsupported-light", "usd-message"]
+
+
+@pytest.mark.parametrize(
+    ("command", "mistakes"),
+    [
+        ("info", ("texture", "dome", "reference", "input")),
+        ("convert", ("dome", "reference", "grade", "crop", "instancer")),
+    ],
+)
+def test_what_is_missing_is_a_finding_of_info_and_convert(
+    make, run, rendered, tmp_path, command, mistakes
+):
+    """Oracle: the mistakes made here, and the words of `render`; --strict writes nothing. `convert`
+    reports what costs no splat data."""
+    path = make(*mistakes)
+    target = () if command == "info" else (tmp_path / "out.ply",)
+    status, out, err = run(command, path, *target, "--json")
+    assert status == 0
+    assert set(keys(json.loads(out)["findings"])) == {EXPECTED[name] for name in mistakes}
+    told, expected = (
+        sorted(line for line in text.splitlines() if " [" in line)
+        for text in (err, rendered(path)[2])
+    )
+    assert told == expected and len(told) == len(mistakes)
+    for file in target:
+        file.unlink()
+    assert run(command, path, *target, "--strict")[0] == 1
+    assert not any(file.exists() for file in target)
 
 
 def test_a_reporter_says_nothing_of_progress_if_it_is_quiet(capsys):

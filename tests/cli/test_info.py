@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import shutil
 
 import numpy as np
@@ -37,7 +38,7 @@ def test_a_stages_fields_are_described_one_by_one(run_json, shot):
     """Oracle: what the fixture authored; 236 bytes are float32 centre, quaternion, scales, opacity
     and 4 x 3 coefficients: (3 + 4 + 3 + 1 + 12) x 4 = 92 at degree 1."""
     told = run_json("info", shot)
-    assert (told["up_axis"], told["frame"], told["frames"]) == ("Y", "rub", [1.0, 4.0])
+    assert (told["up_axis"], told["axes"], told["frames"]) == ("Y", "rub", [1.0, 4.0])
     assert told["cameras"] == ["/World/Cam"]
     (field,) = told["fields"]
     assert (field["path"], field["form"], field["splats"]) == ("/World/Ball", "float", 300)
@@ -56,7 +57,7 @@ def test_time_samples_are_counted_and_chosen(run_json, tmp_path):
     stage.GetRootLayer().Save()
     (field,) = run_json("info", tmp_path / "a.usda", "--frame", 2)["fields"]
     assert (field["samples"], field["sampled"]) == (2, [1.0, 2.0])
-    assert field["bounds"][0][1] == pytest.approx(moved.positions[:, 1].min())
+    assert field["local_bounds"][0][1] == pytest.approx(moved.positions[:, 1].min())
 
 
 def test_provenance_is_shown(run, run_json, capture, tmp_path):
@@ -119,13 +120,15 @@ def test_real_captures_are_described(run_json, data):
     assert run_json("info", data / "oracle" / "sogdir" / "meta.json")["splats"] == 1000
 
 
-def test_a_field_that_cannot_be_read_is_named_with_its_problem(run_json, shot):
+def test_a_field_that_cannot_be_read_is_named_with_its_problem(run, shot):
     """Oracle: a packed prim without its arrays, beside the ball of the fixture."""
     stage = Usd.Stage.Open(str(shot))
     bad = stage.DefinePrim("/World/Bad", "ParticleFieldPackedSplat")
     bad.CreateAttribute("positions", Sdf.ValueTypeNames.Point3fArray).Set([(0, 0, 0)])
     stage.GetRootLayer().Save()
-    told = run_json("info", shot)
+    status, out, err = run("info", shot, "--json")
+    assert status == 0 and err.startswith("usdsplat: error [not-drawn] /World/Bad.splat:packed")
+    told = json.loads(out)
     assert told["splats"] == 300
     assert [field["path"] for field in told["fields"]] == ["/World/Ball", "/World/Bad"]
     assert told["fields"][1]["problem"].startswith("/World/Bad")
@@ -163,3 +166,19 @@ def test_a_capture_has_no_time(run, capture):
         status, out, err = run("info", capture, *flags)
         expected = f"{flags[0]}: found a capture, {capture}, expected a stage"
         assert (status, out, err) == (2, "", f"usdsplat: {expected}\n")
+
+
+def test_a_grade_and_a_crop_are_mentioned(run, run_json, shot):
+    """Oracle: the inherited grade and the crop authored here; neither is mentioned before."""
+    (field,) = run_json("info", shot)["fields"]
+    assert (field["graded"], field["cropped"]) == (False, False)
+    stage = Usd.Stage.Open(str(shot))
+    schema.author_grade(stage.GetPrimAtPath("/World"), exposure=1.0)
+    UsdGeom.Sphere.Define(stage, "/World/Matte")
+    crops = Usd.CollectionAPI.Apply(stage.GetPrimAtPath("/World/Ball"), "cropExclude")
+    crops.CreateIncludesRel().AddTarget("/World/Matte")
+    stage.GetRootLayer().Save()
+    (field,) = run_json("info", shot)["fields"]
+    assert (field["graded"], field["cropped"]) == (True, True)
+    lines = [line.split() for line in run("info", shot)[1].splitlines()]
+    assert ["graded", "yes"] in lines and ["cropped", "yes"] in lines

@@ -8,6 +8,7 @@ import logging
 import os
 import re
 import shlex
+import signal
 import subprocess
 import sys
 import tempfile
@@ -19,6 +20,8 @@ import usdsplat
 from usdsplat.cli import main as main_module
 from usdsplat.cli.arguments import flag_names
 from usdsplat.cli.main import COMMANDS, main
+from usdsplat.core import interrupt
+from usdsplat.core.errors import EarlierFilesError, OutputError
 
 
 def shell(*argv, **options):
@@ -124,6 +127,27 @@ def test_ctrl_c_is_one_line_and_130(monkeypatch, capsys):
     monkeypatch.setattr(main_module, "_run", interrupted)
     assert main(["render"]) == 130
     assert capsys.readouterr().err == "usdsplat: interrupted\n"
+
+
+def test_ctrl_c_does_not_hide_where_earlier_files_are(monkeypatch, capsys):
+    """Oracle: both sentences, and 128 + SIGTERM; another error that an interruption caused is not
+    printed."""
+    errors = [
+        EarlierFilesError("a.usda", "an interruption; earlier files are in x", "space"),
+        OutputError("a.usda", "a truncated file", "space"),
+    ]
+
+    def failed(arguments):
+        interrupt.receive(signal.SIGTERM)
+        raise errors.pop(0)
+
+    monkeypatch.setattr(interrupt, "_received", 0)
+    monkeypatch.setattr(main_module, "_run", failed)
+    assert main(["render"]) == 143
+    kept, said = capsys.readouterr().err.splitlines()
+    assert "earlier files are in x" in kept and said.startswith("usdsplat: interrupted")
+    assert main(["render"]) == 143
+    assert capsys.readouterr().err == f"{said}\n"
 
 
 def test_errors_of_the_system_are_one_line(monkeypatch, capsys):

@@ -83,6 +83,35 @@ def test_a_stage_that_a_layer_cannot_refer_to_is_not_baked(strange, capture, run
     assert not (tmp_path / "b.usda").exists()
 
 
+def test_a_preset_does_not_refer_to_a_link(strange, capture, run, tmp_path):
+    """Oracle: status 2, and no stage: its sublayer would be a link that is gone afterwards."""
+    assert run("convert", capture, tmp_path / "a.usdc")[0] == 0
+    source = strange(tmp_path / "a.usdc")
+    status, _, err = run("simulate", "--preset", "grow", source, "-o", tmp_path / "sim.usda")
+    assert status == 2 and one_line(err)
+    assert "found a name that is not UTF-8" in err
+    assert not (tmp_path / "sim.usda").exists()
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no such names")
+def test_what_a_layer_refers_to_has_no_control_characters(capture, run, tmp_path):
+    """Oracle: status 2, one line, and no new file; USD refuses such asset paths."""
+    assert run("simulate", "--preset", "grow", capture, "-o", tmp_path / "sim.usda")[0] == 0
+    for name in ("n\nl.usda", "n\nl.usdc"):
+        shutil.copy(tmp_path / ("sim.usda" if name.endswith("a") else "sim_capture.usdc"),
+                    tmp_path / name)  # fmt: skip
+    before = sorted(os.listdir(tmp_path))
+    for words in (
+        ("--preset", "grow", tmp_path / "n\nl.usdc", "-o", tmp_path / "g.usda"),
+        (tmp_path / "n\nl.usda", "-o", tmp_path / "b.usda", "--frames", "1:2"),
+        (tmp_path / "sim.usda", "-o", tmp_path / "b\n.usda", "--frames", "1:2"),
+    ):
+        status, _, err = run("simulate", *words)
+        assert status == 2 and one_line(err)
+        assert "found a name with a control character" in err
+        assert sorted(os.listdir(tmp_path)) == before
+
+
 def test_text_that_is_no_name_of_a_file_is_one_sentence(shot, run, tmp_path):
     """Oracle: status 2."""
     text = os.fsdecode(b"/a\xff:b=c")

@@ -78,6 +78,12 @@ def test_a_value_may_begin_with_a_minus_and_a_place_come_last():
     assert given(parse(Options, "try", "Try.", ["x", "--no_strict"]).settings) == {"strict": False}
 
 
+def test_a_value_may_be_two_dashes():
+    """Oracle: the value as it was typed."""
+    options = parse(Options, "try", "Try.", ["x", "--mode=--"])
+    assert given(options.settings) == {"mode": "--"}
+
+
 @pytest.mark.parametrize(
     ("argv", "sentence"),
     [

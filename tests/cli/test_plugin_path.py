@@ -24,6 +24,15 @@ def test_the_folders_hold_our_schemas_and_the_plugin_of_usdview(run):
     assert [*viewport["Info"]["Types"]] == [f"{viewport['Name']}.UsdSplatContainer"]
 
 
+def test_the_folders_are_told_as_json(run):
+    """Oracle: the line without --json."""
+    _, plain, _ = run("plugin-path", "--validators")
+    status, out, err = run("plugin-path", "--validators", "--json")
+    assert (status, err) == (0, "")
+    folders = plain.strip().split(os.pathsep)
+    assert json.loads(out) == {"variable": "PXR_PLUGINPATH_NAME", "folders": folders}
+
+
 def test_the_validators_are_added_only_on_request(run):
     """Oracle: the plugInfo.json of the third folder, and the first two as without the flag."""
     _, plain, _ = run("plugin-path")

@@ -125,24 +125,6 @@ def test_a_sequence_is_one_file_a_frame(run, run_json, shot, tmp_path, pictured)
     assert out.splitlines() == [str(tmp_path / "b.004.png"), str(tmp_path / "b.001.png")]
 
 
-def test_resume_draws_what_is_missing(run_json, shot, tmp_path):
-    """Oracle: the file that was there is not touched, the others come."""
-    (tmp_path / "a.2.png").write_bytes(b"here already")
-    output = tmp_path / "a.%d.png"
-    drawn = run_json("render", shot, "-o", output, "--frames", "1-3", "--resume", *SMALL)[
-        "pictures"
-    ]
-    assert [item["frame"] for item in drawn] == [1, 3]
-    assert (tmp_path / "a.2.png").read_bytes() == b"here already"
-
-
-def test_resume_with_nothing_to_do_says_so(run, shot, tmp_path):
-    """Oracle: one remark, no result, status 0."""
-    (tmp_path / "a.png").write_bytes(b"here already")
-    found = run("render", shot, "-o", tmp_path / "a.png", "--resume", *SMALL)
-    assert found == (0, "", "usdsplat: nothing to do: every file exists already\n")
-
-
 def test_a_capture_is_framed_by_a_camera_of_its_own(run_json, capture, tmp_path):
     """Oracle: the ball is whole: it touches no edge of the picture, and fills a good part."""
     (item,) = run_json("render", capture, "-o", tmp_path / "a.png", *SMALL)["pictures"]
@@ -245,6 +227,11 @@ def test_a_stages_products_drive(run_json, products, tmp_path):
         ("look.0001.png", [20, 10]),
         ("deep.0002.exr", [40, 20]),
         ("look.0002.png", [20, 10]),
+    ]
+    named = [(item["product"], item["aovs"], item["device"]) for item in drawn[:2]]
+    assert named == [
+        ("/Render/deep", ["color", "Z"], "cpu"),
+        ("/Render/look", ["color"], "cpu"),
     ]
     assert header(tmp_path / "deep.0001.exr").channelnames == ("R", "G", "B", "A", "Z")
     assert read(tmp_path / "look.0002.png").shape == (10, 20, 4)

@@ -52,6 +52,14 @@ def test_a_product_name_with_time_samples_names_each_frame(run, named, tmp_path)
     assert files(tmp_path) == list(SOLARIS.values())
 
 
+def test_folders_have_the_number_too(run, named, tmp_path):
+    """Oracle: Houdini's names; the stage's range is drawn, because frames differ in a folder."""
+    status, out, _ = run("render", named({None: "out.$F/<F4>/s.exr"}))
+    expected = [f"out.{frame}/000{frame}/s.exr" for frame in (1, 2, 3)]
+    assert (status, out.split()) == (0, expected)
+    assert files(tmp_path) == expected
+
+
 def test_a_sampled_name_holds_until_the_next_sample(run, named):
     """Oracle: USD's interpolation of tokens: held, and the first sample holds before itself."""
     shot = named({2.0: "a.####.exr", 3.0: "b.<F>.exr"})
@@ -77,9 +85,9 @@ def test_names_are_spelled_as_in_other_tools(run, named, tmp_path, name, expecte
 
 def test_frames_that_share_a_name_are_refused(run, named, tmp_path):
     """Oracle: the second picture would replace the first; no folder is made."""
-    status, out, err = run("render", named({None: "out/$F4/s.exr"}), "--frames", "1-2")
+    status, out, err = run("render", named({None: "out/####/s.exr"}), "--frames", "1-2")
     assert (status, out) == (2, "")
-    assert err.startswith("usdsplat: out/$F4/s.exr: found 2 frames, expected a placeholder")
+    assert err.startswith("usdsplat: out/####/s.exr: found 2 frames, expected a placeholder")
     assert not (tmp_path / "out").exists()
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import re
@@ -242,6 +243,69 @@ def test_resume_refuses_other_parameters(run, sim, tmp_path):
     assert bake.exists()
 
 
+def test_a_bake_that_fails_before_its_first_checkpoint_leaves_nothing(
+    run, sim, tmp_path, monkeypatch
+):
+    """Oracle: the listing; the folder of the results was made by the command, too."""
+    from usdsplat.sim.stage.simulating import Simulation
+
+    def fail(self):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    before = sorted(os.listdir(tmp_path))
+    monkeypatch.setattr(Simulation, "advance", fail)
+    status, _, err = run("simulate", sim, "-o", tmp_path / "new" / "a.usda")
+    assert (status, err.count("\n")) == (2, 1)
+    assert sorted(os.listdir(tmp_path)) == before
+
+
+def test_a_late_error_does_not_remove_a_complete_bake(run, sim, tmp_path, monkeypatch):
+    """Oracle: `validate`; the error is that of synchronising the folder after all renames."""
+    from usdsplat.sim.stage.bake_layers import BakeLayers
+
+    show = BakeLayers.show_merged
+
+    def late(self, *args):
+        show(self, *args)
+        raise OutputError(str(self.target), "no space", "a writable place")
+
+    monkeypatch.setattr(BakeLayers, "show_merged", late)
+    assert run("simulate", sim, "-o", tmp_path / "a.usda")[0] == 2
+    assert run("validate", tmp_path / "a.usda")[0] == 0
+    assert (tmp_path / "a_data" / "samples.usdc").exists()
+
+
+def test_an_interrupted_bake_is_a_finding_until_it_is_resumed(run, sim, tmp_path, monkeypatch):
+    """Oracle: the codes of `validate` and `render`; the frames on the disk are those that the
+    checkpoint after the second of four frames needs: the first."""
+    from usdsplat.sim.stage.simulating import Simulation
+
+    advance = Simulation.advance
+
+    def stop(self):
+        if all(solver.frame().time == 3 for solver in self.solvers.values()):
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        advance(self)
+
+    bake = tmp_path / "a.usda"
+    simulate = ("simulate", sim, "-o", bake, "--frames", "1:4")
+    with monkeypatch.context() as patch:
+        patch.setattr(Simulation, "advance", stop)
+        assert run(*simulate)[0] == 2
+    assert sorted(os.listdir(tmp_path / "a_data")) == ["00.000000.frame", "checkpoint"]
+    picture = ("render", bake, "-o", tmp_path / "a.png", "--resolution", "16x12")
+    for words in (("validate", bake), picture):
+        status, out, _ = run(*words, "--json")
+        found = [each for each in json.loads(out)["findings"] if each["code"] == "unfinished-bake"]
+        assert [each["found"] for each in found] == ["a.usda, an interrupted bake, with 0 frames"]
+        assert status == (1 if words[0] == "validate" else 0)
+    assert run(*simulate, "--resume")[0] == 0
+    for words in (("validate", bake), picture):
+        _, out, _ = run(*words, "--json")
+        codes = [each["code"] for each in json.loads(out)["findings"]]
+        assert "unfinished-bake" not in codes
+
+
 def test_an_interrupted_bake_goes_on_bit_for_bit(run, sim, tmp_path, monkeypatch):
     """Oracle: the same bake, never interrupted."""
     from usdsplat.sim.stage.simulating import Simulation
@@ -276,13 +340,14 @@ def test_an_interrupted_bake_goes_on_bit_for_bit(run, sim, tmp_path, monkeypatch
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
+        (("{sim}", "-o", "/"), "--output: found '/', expected a file"),
         ((), "simulate: found no STAGE, expected a stage or capture, and -o FILE"),
         (("{sim}",), "simulate: found no --output, expected a stage or capture, and -o FILE"),
         (("{ply}", "-o", "{out}"), "which is a capture, expected a stage with a SplatSim prim"),
         (("{shot}", "-o", "{out}"), "found no SplatSim prim, expected one; usdsplat simulate --pr"),
         (("{sim}", "-o", "{sim}"), "sim.usda: found "),
         (("{sim}", "-o", "{out}c"), "found the suffix '.usdac', expected .usda"),
-        (("{sim}", "-o", "no/such/out.usda"), "No such file or directory, expected a folder"),
+        (("{sim}", "-o", "{ply}/out.usda"), "No such file or directory, expected a folder"),
         (("{sim}", "-o", "{out}", "--frames", "3:1"), "frames: found "),
         (("{sim}", "-o", "{out}", "--frames", "1:9x2"), "expected every frame from one to another"),
         (("{sim}", "-o", "{out}", "--frames", "soon"), "expected a range such as"),

@@ -39,14 +39,17 @@ ENDLESS = "sum(range(10**15))"  # C code that looks at no signal and keeps the G
 
 
 @contextmanager
-def working(tmp_path: Path, work: str, **options) -> Iterator[subprocess.Popen[str]]:
+def working(
+    tmp_path: Path, work: str, more: tuple[str, ...] = (), **options
+) -> Iterator[subprocess.Popen[str]]:
     """A supervised process that does `work` while a temporary file exists."""
     indented = "\n".join("        " + line for line in work.splitlines())
     environment = {**os.environ, "TMPDIR": str(tmp_path / "tmp"), **options.pop("env", {})}
     (tmp_path / "tmp").mkdir()
     (tmp_path / "out").mkdir()
+    words = ["render", tmp_path / "out" / "a.exr", *more]
     process = subprocess.Popen(
-        [sys.executable, "-c", SCRIPT.format(work=indented), "render", tmp_path / "out" / "a.exr"],
+        [sys.executable, "-c", SCRIPT.format(work=indented), *words],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -98,8 +101,14 @@ def test_a_signal_ends_python_code_and_c_code(tmp_path, work, number):
 
 @pytest.mark.parametrize(
     "then",
-    ["silent.step('drawing', 1, 2); time.sleep(1000)", "pass", "raise TypeError('no converter')"],
-    ids=["progress", "commit", "consequence"],
+    [
+        "silent.step('drawing', 1, 2); time.sleep(1000)",
+        "pass",
+        "raise TypeError('no converter')",
+        "from usdsplat.core.errors import BackendError\n"
+        "raise BackendError('window', 'no symbol', 'the libraries that Qt needs')",
+    ],
+    ids=["progress", "commit", "consequence", "explained consequence"],
 )
 def test_a_swallowed_interrupt_stops_at_the_next_row_and_commits_nothing(tmp_path, then):
     """Oracle: what C++ callbacks do, an exception handler that drops everything; no result."""
@@ -118,6 +127,26 @@ def test_a_terminals_ctrl_c_reaches_both_and_is_said_once(tmp_path):
     assert listed(tmp_path) == []
 
 
+def test_a_caller_that_blocks_sigchld_is_no_obstacle(tmp_path):
+    """Oracle: the command ends; a blocked SIGCHLD once left the parent waiting for ever."""
+
+    def blocking() -> None:
+        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGCHLD})
+
+    with working(tmp_path, "pass", preexec_fn=blocking) as process:
+        assert end(process) == (0, "")
+    assert listed(tmp_path) == ["a.exr"]
+
+
+def test_the_word_help_among_arguments_is_no_request_for_help(tmp_path):
+    """Oracle: the parent of the process that works is not this one."""
+    work = "print(os.getppid(), flush=True)"
+    with working(tmp_path, work, more=("help", "--help")) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() != f"{os.getpid()}\n"
+        assert end(process) == (0, "")
+
+
 def test_an_ignored_signal_stays_ignored(tmp_path):
     """Oracle: `nohup`, which starts a command with SIGHUP ignored; the work goes on to its end."""
 
@@ -134,6 +163,18 @@ def test_an_ignored_signal_stays_ignored(tmp_path):
 
 
 CRASH = "import ctypes; ctypes.string_at(0)"
+
+
+REAL_TIME = "os.kill(os.getpid(), 40)"
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="real-time signals of Linux")
+def test_an_end_by_a_signal_without_a_name_is_one_sentence(tmp_path):
+    """Oracle: a real-time signal, which Python has no name for; status 3."""
+    with working(tmp_path, REAL_TIME) as process:
+        status, err = end(process)
+    assert (status, len(err.splitlines())) == (3, 1)
+    assert err.startswith("usdsplat: render: found a crash by signal 40, expected none; the report")
 
 
 @pytest.mark.parametrize(("work", "name"), [(CRASH, "SIGSEGV"), ("os.abort()", "SIGABRT")])

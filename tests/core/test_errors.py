@@ -16,6 +16,7 @@ FAMILY = {
     errors.BackendError: RuntimeError,
     errors.UsageError: ValueError,
     errors.OutputError: OSError,
+    errors.EarlierFilesError: OSError,
 }
 
 

@@ -6,7 +6,13 @@ import re
 
 import pytest
 
-from usdsplat.core.errors import StageError, StrictError
+from usdsplat.core.errors import (
+    FormatError,
+    OutputError,
+    StageError,
+    StrictError,
+    UnknownFormatError,
+)
 from usdsplat.core.findings import CODES, Findings, finding, from_error
 
 
@@ -17,6 +23,49 @@ def test_a_place_is_split_into_path_and_attribute() -> None:
     assert found.message == "/World/Sim.splatSim:rd:feed: found 1, expected 2"
     assert finding("unused", "/World/Sim", "1", "2").attribute == ""
     assert finding("usd-message", "USD", "1", "2").path == "USD"
+
+
+@pytest.mark.parametrize(
+    "where",
+    [
+        "/shots/sq 10/plate.0001.exr",
+        "/shots/plate.EXR",
+        "/a-b/c.usda",
+        "/lib/numba/x.py:12",
+        "/home/x/my shot.usda",
+        "/home/x/my shot.usda frames",
+        "/home/x/shot.usda frames",
+    ],
+)
+def test_the_name_of_a_file_stays_whole(where: str) -> None:
+    """Oracle: the very name, also where it could be the path of a property."""
+    found = finding("assumed-space", where, "1", "2")
+    assert (found.path, found.attribute) == (where, "")
+    assert found.message.startswith(f"{where}: found 1")
+
+
+def test_a_part_of_a_prim_is_an_attribute() -> None:
+    """Oracle: the parts by hand."""
+    for where, path, attribute in (
+        ("/World/A color space", "/World/A", "color space"),
+        ("/W/A.primvars:displayColor color space", "/W/A", "primvars:displayColor color space"),
+        ("/W/A splat:grade:gain", "/W/A", "splat:grade:gain"),
+    ):
+        found = finding("unused", where, "1", "2")
+        assert (found.path, found.attribute) == (path, attribute)
+
+
+@pytest.mark.parametrize("error", [FormatError, UnknownFormatError, OutputError])
+def test_a_caller_that_knows_says_that_there_is_no_attribute(error) -> None:
+    """Oracle: the name of a file that looks like the path of a property."""
+    where = "/data/splats.bin"
+    for found in (
+        finding("unreadable", where, "1", "2", attribute=""),
+        from_error("unreadable", error(where, "1", "2")),
+    ):
+        assert (found.path, found.attribute) == (where, "")
+    assert finding("unused", "/A", "1", "2", attribute="bin").message.startswith("/A.bin: found 1")
+    assert from_error("unused", StageError(where, "1", "2")).attribute == "bin"
 
 
 def test_severity_and_cure_are_those_of_the_code_unless_given() -> None:

@@ -129,19 +129,17 @@ def test_errors_about_other_files_pass_unchanged(tmp_path: Path) -> None:
 def test_the_folder_of_a_temporary_file_is_private_and_announced(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Oracle: the calls of the hook, the registry, the mode of the folder, and the listing."""
+    """Oracle: the calls of the hook, the mode of the folder, and the listing."""
     calls: list[tuple[str, bool, bool]] = []
     monkeypatch.setattr(
         output, "announce", lambda path, begins: calls.append((path, begins, os.path.exists(path)))
     )
     with output_file(tmp_path / "a.exr") as made:
         folder = made.path.parent
-        assert output.open_folders() == (folder,)
         assert folder.stat().st_mode & 0o777 == 0o700
         made.path.write_bytes(b"x")
         made.path.with_name("a.sibling.of.a.library").write_bytes(b"y")
     assert calls == [(str(folder), True, False), (str(folder), False, False)]
-    assert output.open_folders() == ()
     assert os.listdir(tmp_path) == ["a.exr"]
     expected = tmp_path / "expected"
     expected.write_bytes(b"")
@@ -275,3 +273,30 @@ def test_a_folder_of_a_group_replaces_an_earlier_one(tmp_path: Path) -> None:
         group.place_folder(made.path.parent / "c.clips", tmp_path / "c.clips")
     assert sorted(os.listdir(tmp_path)) == ["a.usda", "c.clips"]
     assert os.listdir(tmp_path / "c.clips") == ["new"]
+
+
+@pytest.mark.parametrize("can_move", [True, False])
+def test_an_earlier_file_that_cannot_be_put_back_is_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, can_move: bool
+) -> None:
+    """Oracle: the old bytes, in the folder that the message names; all renames fail from the second
+    on, also those that undo the first, and that of the folder of earlier files."""
+    (tmp_path / "a.ply").write_bytes(b"old")
+    replace = os.replace
+
+    def fails(source: Path, target: Path) -> None:
+        is_rescue = Path(target).name.startswith("usdsplat-earlier-")
+        is_first = Path(target).name == "a.ply" and Path(source).parent.name != "earlier"
+        if not (is_first or (is_rescue and can_move)):
+            raise OSError(errno.EIO, os.strerror(errno.EIO))
+        replace(source, target)
+
+    monkeypatch.setattr(os, "replace", fails)
+    with pytest.raises(OutputError, match="could not be put back are in") as caught, output_group():
+        for name in ("a.ply", "b.ply"):
+            output.write_output(tmp_path / name, b"new")
+    folder = Path(caught.value.found.rpartition(" are in ")[2])
+    assert (folder / "a.ply").read_bytes() == b"old"
+    assert folder.parent == tmp_path if can_move else folder.parent.parent == tmp_path
+    assert (tmp_path / "a.ply").read_bytes() == b"new"
+    assert len(os.listdir(tmp_path)) == 2

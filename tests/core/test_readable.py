@@ -6,9 +6,12 @@ import os
 from pathlib import Path
 
 import pytest
+from pxr import Sdf, Tf
 
 from usdsplat.core.errors import StageError
-from usdsplat.core.readable import check_referable, readable
+from usdsplat.core.readable import check_referable, original, readable
+
+pytestmark = pytest.mark.wrong_stages  # they hold a few bytes that are no layer
 
 STRANGE = os.fsdecode(b"bad\xff.usda")
 
@@ -42,6 +45,18 @@ def test_another_name_is_a_link_with_its_neighbours_beside_it(folder: Path) -> N
         check_referable(name)
 
 
+@pytest.mark.parametrize("character", ["\n", "\x7f", "\x85"])
+def test_a_name_with_a_control_character_cannot_be_referred_to(character: str) -> None:
+    """Oracle: the asset paths that USD accepts; a folder above both is not in a relative path."""
+    with pytest.raises(Tf.ErrorException):
+        Sdf.AssetPath(f"./a{character}.usda")
+    with pytest.raises(StageError, match=r"^/b/a\\.*\.usda: found a name with a control character"):
+        check_referable(f"/b/a{character}.usda", "/c")
+    check_referable(f"/a{character}/b.usda", f"/a{character}")
+    with pytest.raises(StageError, match="control character"):
+        check_referable(f"/a{character}/b.usda")
+
+
 def test_a_folder_with_another_name_is_a_link_too(folder: Path) -> None:
     """Oracle: the bytes of a file in it."""
     strange = folder / os.fsdecode(b"d\xff")
@@ -53,8 +68,28 @@ def test_a_folder_with_another_name_is_a_link_too(folder: Path) -> None:
         assert Path(name, below).read_bytes() == b"inside"
 
 
+def test_only_what_may_be_referred_to_is_linked(folder: Path) -> None:
+    """Oracle: the listing of the folder of links: a capture refers to no file beside it."""
+    capture = os.fsdecode(b"scan\xff.ply")
+    (folder / capture).write_bytes(b"capture")
+    assert os.listdir(Path(readable(folder / capture)).parent) == ["scan_xff.ply"]
+
+
 def test_a_missing_file_is_missing_under_its_new_name_too(folder: Path) -> None:
     """Oracle: the file system."""
     name = readable(folder / os.fsdecode(b"none\xff.usda"))
     name.encode("utf-8")
     assert not Path(name).exists()
+
+
+def test_the_original_of_a_link_and_of_names_beside_it(folder: Path) -> None:
+    """Oracle: the names in the folder that is linked, also of files that do not exist."""
+    strange = folder / os.fsdecode(b"d\xff")
+    strange.mkdir()
+    (strange / "a.usda").write_bytes(b"inside")
+    for asked in (folder / STRANGE, strange / "a.usda"):
+        assert original(readable(asked)) == str(asked)
+    link = Path(readable(folder / STRANGE))
+    for name in ("plain.usda", "none.usda", "none/texture.png"):
+        assert original(str(link.parent / name)) == str(folder / name)
+    assert original(str(folder / "plain.usda")) == str(folder / "plain.usda")

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from pxr import Gf, Sdf, Tf, Usd, UsdGeom, Vt
 
+from tests.delegate.asset_edits import AssetEdits
 from tests.delegate.crop_edits import VOLUMES, CropEdits, crop
 from tests.delegate.stages import add_camera, random_cloud
 from tests.delegate.timing_edits import TimingEdits
@@ -20,7 +21,7 @@ _Type = Sdf.ValueTypeNames
 PURPOSES = ("default", "render", "proxy", "guide")
 
 
-class Editor(CropEdits, TimingEdits):
+class Editor(AssetEdits, CropEdits, TimingEdits):
     """A stage and a source of edits; equal seeds make equal edits."""
 
     def __init__(self, seed: int, asset_folder: str) -> None:

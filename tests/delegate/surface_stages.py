@@ -154,7 +154,7 @@ def _mesh(spec: MeshSpec) -> tuple[object, ...]:
 
 def _material(spec: MaterialSpec) -> tuple[object, ...]:
     texture = spec.texture and (spec.texture.pixels.tobytes(), spec.texture.wrap)
-    return spec.diffuse, spec.uses_colors, texture
+    return spec.diffuse, spec.uses_colors, texture, spec.path
 
 
 def colors(*rgb: tuple[float, float, float]) -> Vt.Vec3fArray:

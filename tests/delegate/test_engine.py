@@ -272,7 +272,7 @@ def test_what_was_replaced_of_a_camera_stays_at_other_times() -> None:
         ((np.zeros(3, np.int64), np.empty(0), np.empty(0)), "3 offsets"),
         (
             (np.full(65, 9, np.int64), np.ones(9), np.ones(9)),
-            "offsets that do not match the samples",
+            "offsets that do not match the nodes",
         ),
         ((np.zeros(65, np.int64), np.empty(0), np.ones(1)), "1 transmittances"),
     ],

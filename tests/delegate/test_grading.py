@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from pxr import Usd
+from pxr import Sdf, Usd
 
 from tests.delegate.stages import add_camera, random_cloud
 from usdsplat import schema
@@ -115,3 +115,74 @@ def test_a_grade_out_of_range_is_told() -> None:
         assert engine.warnings == (
             "/Splats.splat:grade:temperature: found 10, expected 1000 to 25000; it is not drawn",
         )
+
+
+def test_a_grade_on_a_model_applies_to_all_fields_below_it() -> None:
+    """Oracle: the same values on the fields themselves, and the nearest opinion of each value."""
+    stage = Usd.Stage.CreateInMemory()
+    model = stage.DefinePrim("/scan", "Xform")
+    for name in ("A", "B"):
+        schema.author(stage, f"/scan/parts/{name}", wall())
+    schema.author_grade(model, exposure=1.0, saturation=0.5)
+    schema.author_grade(stage.GetPrimAtPath("/scan/parts"), saturation=0.25)
+    schema.author_grade(stage.GetPrimAtPath("/scan/parts/B"), exposure=-1.0)
+    found = [schema.grade(stage.GetPrimAtPath(f"/scan/parts/{name}")) for name in ("A", "B")]
+    assert found == [Grade(exposure=1.0, saturation=0.25), Grade(exposure=-1.0, saturation=0.25)]
+
+
+def test_a_graded_model_is_drawn_as_a_graded_field() -> None:
+    """Oracle: the picture of the field with the same grade, bit for bit; after edits of the model,
+    that of a fresh engine."""
+    stage = Usd.Stage.CreateInMemory()
+    model = stage.DefinePrim("/scan", "Xform")
+    schema.author(stage, "/scan/splats", wall())
+    add_camera(stage)
+    with Engine(stage) as engine:
+        plain = middle(engine)
+        for exposure in (0.5, 0.25):
+            schema.author_grade(model, exposure=exposure)
+            with Engine(stage_with(exposure=exposure)) as other:
+                np.testing.assert_array_equal(middle(engine), middle(other))
+        model.GetAttribute("splat:grade:exposure").Set(0.5, 1)
+        model.GetAttribute("splat:grade:exposure").Set(-0.5, 2)
+        for time in (1, 2):
+            engine.set_time(time)
+            with Engine(stage, time=time) as fresh:
+                np.testing.assert_array_equal(middle(engine), middle(fresh))
+        model.RemoveProperty("splat:grade:exposure")
+        np.testing.assert_array_equal(middle(engine), plain)
+
+
+def test_instances_have_the_grades_of_their_own_models() -> None:
+    """Oracle: the exposure authored above each instance, also after an edit."""
+    stage = Usd.Stage.CreateInMemory()
+    schema.author(stage, "/source/splats", wall())
+    stage.OverridePrim("/source").SetSpecifier(Sdf.SpecifierClass)
+    for name in ("A", "B"):
+        prim = stage.DefinePrim(f"/{name}", "Xform")
+        prim.GetReferences().AddInternalReference("/source")
+        prim.SetInstanceable(True)
+    with Engine(stage) as engine:
+        for graded in ((0.0, 0.0), (1.0, 0.0), (1.0, 2.0), (3.0, 2.0)):
+            for name, exposure in zip("AB", graded, strict=True):
+                if exposure:
+                    schema.author_grade(stage.GetPrimAtPath(f"/{name}"), exposure=exposure)
+            engine.sync()
+            found = {
+                seen.path: field.spec.grade[0] for _, field, seen in engine.render_scene.drawn()
+            }
+            expected = {f"/{n}/splats": 2.0**e for n, e in zip("AB", graded, strict=True)}
+            assert found == expected
+
+
+def test_a_grade_without_a_field_below_is_a_finding() -> None:
+    """Oracle: the code and the property; it goes when a field is there."""
+    stage = Usd.Stage.CreateInMemory()
+    schema.author_grade(stage.DefinePrim("/empty", "Xform"), exposure=1.0)
+    with Engine(stage) as engine:
+        (found,) = engine.findings
+        assert (found.code, found.path) == ("unused", "/empty")
+        assert found.attribute == "splat:grade:exposure"
+        schema.author(stage, "/empty/splats", wall())
+        engine.sync()
+        assert engine.findings == ()

@@ -38,7 +38,8 @@ class Command:
     targets: tuple[str, ...]
     """Files that it writes in the folder OUT."""
     kept: tuple[str, ...] = ()
-    """Names in OUT that a failed run may leave, because --resume needs them."""
+    """Names in OUT that a failed run may leave if a checkpoint is among them, for --resume, or if
+    they are whole and only the last step failed."""
 
     @property
     def replaced(self) -> tuple[str, ...]:
@@ -71,7 +72,7 @@ COMMANDS = (
     Command(
         "convert --split",
         ("convert", "two.usda", f"{OUT}/o.ply", "--split"),
-        ("o_A_scan.ply", "o_B_scan.ply"),
+        ("o_A.ply", "o_B.ply"),
     ),
     Command(
         "convert a sequence to clips",
@@ -238,6 +239,10 @@ class Runner:
             for path in (self.out / name).rglob("*")
             if path.name.startswith(".") or (is_done and not results.is_part(path))
         }
+        left = {name for name in command.kept if (self.out / name).exists()}
+        if left and not is_done and not any(self.out.rglob("checkpoint")):
+            is_whole = left == {*command.kept} and self._read(command) == self._wanted[command.name]
+            found |= set() if is_whole else left
         return " ".join(sorted(found | inside))
 
     def _read(self, command: Command) -> list[object]:

@@ -8,14 +8,20 @@ from __future__ import annotations
 import sys
 import tempfile
 from collections import Counter
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
+from queue import SimpleQueue
 
-from tests.faults.harness import COMMANDS, Runner, Verdict, compile_shim, faults, limits
+from tests.faults.harness import COMMANDS, Command, Runner, Verdict, compile_shim, faults, limits
 from tests.faults.inputs import write_inputs
 
 TARGET = Path(__file__).parents[2] / "build" / "faults.md"
+RUNNERS = 3
+"""Commands that are tried at a time; a run waits for the disk for most of its time."""
 FAULTS = {
     "enospc": "full disk from a write on",
     "once": "one failing call",
@@ -51,21 +57,48 @@ class Row:
         return "| " + " | ".join(map(str, cells)) + " |"
 
 
-def rows(runner: Runner) -> list[Row]:
-    """Run every command with all chosen faults."""
-    found = []
-    for command in COMMANDS:
-        calls = runner.calls(command)
-        targets = [runner.out / name for name in command.targets]
-        sizes = [path.stat().st_size for path in targets if path.is_file()]
-        verdicts = [runner.judge(command, fault) for fault in faults(calls, wide=True)]
-        if len(targets) == 1:
-            allowed = limits(sizes[0], wide=True)
-            verdicts += [runner.judge(command, limit=limit) for limit in allowed]
-        for kind, group in groupby(verdicts, lambda verdict: verdict.fault.split()[0]):
-            found.append(Row(command.name, FAULTS[kind], tuple(group)))
-        print(found[-1].command, len(verdicts), "runs", file=sys.stderr, flush=True)
-    return found
+def rows(runners: Sequence[Runner]) -> list[Row]:
+    """Run every command with all chosen faults, as many commands at a time as there are runners."""
+    free: SimpleQueue[Runner] = SimpleQueue()
+    for runner in runners:
+        free.put(runner)
+
+    def tried(command: Command) -> list[Row]:
+        runner = free.get()
+        try:
+            return _rows_of(runner, command)
+        finally:
+            free.put(runner)
+
+    with ThreadPoolExecutor(len(runners)) as pool:
+        return [row for each in pool.map(tried, COMMANDS) for row in each]
+
+
+def _rows_of(runner: Runner, command: Command) -> list[Row]:
+    """Run a command with all chosen faults."""
+    calls = runner.calls(command)
+    targets = [runner.out / name for name in command.targets]
+    sizes = [path.stat().st_size for path in targets if path.is_file()]
+    verdicts = [runner.judge(command, fault) for fault in faults(calls, wide=True)]
+    if len(targets) == 1:
+        verdicts += [runner.judge(command, limit=each) for each in limits(sizes[0], wide=True)]
+    print(command.name, len(verdicts), "runs", file=sys.stderr, flush=True)
+    by_kind = groupby(verdicts, lambda verdict: verdict.fault.split()[0])
+    return [Row(command.name, FAULTS[kind], tuple(group)) for kind, group in by_kind]
+
+
+@contextmanager
+def several_runners(folder: Path, shim: Path) -> Iterator[list[Runner]]:
+    """Runners, each in a folder of its own."""
+    with ExitStack() as stack:
+        runners = []
+        for number in range(RUNNERS):
+            place = folder / f"runner{number}"
+            place.mkdir()
+            write_inputs(place)
+            runners.append(Runner(place, shim))
+            stack.callback(runners[-1].close)
+        yield runners
 
 
 def write(found: list[Row]) -> None:
@@ -94,10 +127,8 @@ def main() -> int:
         if shim is None:
             print("tests.faults.table: found no C compiler on Linux", file=sys.stderr)
             return 2
-        write_inputs(folder)
-        runner = Runner(folder, shim)
-        found = rows(runner)
-        runner.close()
+        with several_runners(folder, shim) as runners:
+            found = rows(runners)
     write(found)
     print(TARGET)
     return int(any(row.wrong for row in found))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from usdsplat.core.errors import UsageError
@@ -21,8 +23,8 @@ def test_no_channel_has_two_meanings():
 
 
 def test_channels_are_called_what_compositors_look_for():
-    """Oracle: the table of the rendering specification; Cryptomatte's ranks hold RGBA each."""
-    found = {name: ",".join(aov.channels) for name, aov in AOVS.items() if name != "cryptoObject"}
+    """Oracle: the table of the rendering specification."""
+    found = {n: ",".join(aov.channels) for n, aov in AOVS.items() if not aov.is_cryptomatte}
     assert found == {
         "color": "R,G,B,A",
         "Z": "Z",
@@ -37,9 +39,24 @@ def test_channels_are_called_what_compositors_look_for():
         "instanceId": "instanceId",
         "splatId": "splatId",
     }
-    crypto = AOVS["cryptoObject"].channels
-    assert crypto[::4] == ("cryptoObject00.R", "cryptoObject01.R", "cryptoObject02.R")
-    assert crypto[8:] == tuple(f"cryptoObject02.{c}" for c in "RGBA")
+
+
+@pytest.mark.parametrize("layer", ["cryptoObject", "cryptoAsset", "cryptoMaterial"])
+@pytest.mark.parametrize(("rank", "pairs"), [(2, 1), (3, 2), (6, 3), (7, 4), (16, 8)])
+def test_channels_of_a_cryptomatte_hold_two_ranks_each(layer: str, rank: int, pairs: int) -> None:
+    """Oracle: the Cryptomatte specification: layers are numbered from 00, with RGBA each, of which
+    RG and BA are an id and its coverage."""
+    aov = AOVS[layer].with_rank(rank)
+    assert aov.channels == tuple(f"{layer}{pair:02d}.{c}" for pair in range(pairs) for c in "RGBA")
+    assert AOVS[layer].channels == AOVS[layer].with_rank(6).channels
+    assert replace(aov, channels=()) == replace(AOVS[layer], channels=())
+
+
+def test_other_aovs_have_no_ranks() -> None:
+    """Oracle: their tables of channels."""
+    for aov in AOVS.values():
+        assert aov.is_cryptomatte == aov.name.startswith("crypto")
+        assert aov.is_cryptomatte or aov.with_rank(9) is aov
 
 
 def test_only_colour_may_be_kept_as_half():

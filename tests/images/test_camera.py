@@ -52,4 +52,4 @@ def test_the_screen_window_is_the_aperture_at_distance_one():
     assert entries["screenWindowCenter"] == (1, 1)
     assert entries["screenWindowWidth"] == 4
     flat = camera_metadata(world_to_camera=identity, window=(-1, -2, 3, 4), orthographic=True)
-    assert set(flat) == {"worldToCamera", "worldToNDC"}
+    assert set(flat) == {"worldToCamera", "worldToNDC", "usdsplat:projection"}

@@ -233,6 +233,63 @@ def test_colour_beyond_half_is_its_largest_number(tmp_path):
     np.testing.assert_array_equal(read_deep(tmp_path / "a.exr").color, [[65504, -65504, 3, 1]])
 
 
+@pytest.mark.parametrize("compression", ["none", "zips"])
+def test_ids_and_hashes_are_stored_as_they_are(tmp_path, compression):
+    """As unsigned integers and as float, beside half colours; one layer of Cryptomatte. Oracle:
+    OpenImageIO's DeepData, value by value, and the header as oiiotool reads it."""
+    rng = np.random.default_rng(1)
+    band = deep_picture(9, 13)
+    n = len(band.depth)
+    values = {
+        "id": rng.integers(0, 2**32, n, dtype=np.uint32),
+        "instanceId": np.full(n, 2**32 - 1, np.uint32),
+        "splatId": np.arange(n, dtype=np.uint32),
+    }
+    for c in "RGBA":
+        values[f"cryptoObject00.{c}"] = rng.normal(0, 1e9, n).astype(np.float32)
+    aovs = ("color", "splatId", "cryptoObject", "id", "instanceId")
+    layout = ImageLayout(resolution=(13, 9), compression=compression, aovs=aovs)
+    path = tmp_path / "a.exr"
+    with DeepWriter(path, layout, merged=True) as writer:
+        writer.write_band(0, replace(band, ids=values))
+    file = oiio.ImageInput.open(str(path))
+    data = file.read_native_deep_image()
+    file.close()
+    names = [data.channelname(i) for i in range(data.channels)]
+    assert sorted(names) == sorted(["R", "G", "B", "A", "Z", "ZBack", *values])
+    for name, expected in values.items():
+        channel = names.index(name)
+        is_id = expected.dtype == np.uint32
+        assert str(data.channeltype(channel)) == ("uint" if is_id else "float")
+        get = data.deep_value_uint if is_id else data.deep_value
+        found = [
+            get(pixel, channel, sample)
+            for pixel in range(data.pixels)
+            for sample in range(data.samples(pixel))
+        ]
+        np.testing.assert_array_equal(np.array(found, expected.dtype), expected)
+    text = oiiotool("--info", "-v", path)
+    assert 'usdsplat:aov:id: "index in usdsplat:ids of the sample\'s prim"' in text
+    assert 'usdsplat:aov:cryptoObject: "Cryptomatte of the sample: R = hash' in text
+    np.testing.assert_array_equal(read_deep(path).depth, band.depth)
+
+
+def test_ids_that_are_missing_or_of_another_type_are_refused(tmp_path):
+    """Oracle: the type that the channel has."""
+    band = deep_picture(4, 8)
+    n = len(band.depth)
+    layout = ImageLayout(resolution=(8, 4), aovs=("color", "id"))
+    for ids, found in (
+        ({}, "id: found nothing, expected uint32"),
+        ({"id": np.zeros(n, np.int32)}, "id: found int32"),
+    ):
+        with (
+            pytest.raises(ValueError, match=found),
+            DeepWriter(tmp_path / "a.exr", layout) as writer,
+        ):
+            writer.write_band(0, replace(band, ids=ids))
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [

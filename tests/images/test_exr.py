@@ -214,7 +214,7 @@ def test_a_missing_array_is_refused(tmp_path):
         ({"aovs": ()}, "one or more names"),
         ({"color_space": "acescg"}, "output color space: found 'acescg'"),
         ({"compression": "b44"}, "compression 'b44', expected one of none, rle"),
-        ({"compression": "zip:10"}, "compression 'zip:10', expected a level from 1 to 9"),
+        ({"compression": "zip:10"}, "compression 'zip:10', expected a whole number from 1 to 9"),
         ({"compression": "piz:3"}, "compression 'piz:3', expected piz without a level"),
     ],
 )

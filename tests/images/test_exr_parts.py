@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 from pathlib import Path
@@ -35,7 +36,8 @@ def everything(rows, columns, seed=0):
         else:
             found[name] = rng.uniform(-9, 9, (rows, columns, *tail)).astype(np.float32)
     hashes = np.array([cryptomatte.object_hash(name) for name in NAMES])
-    found["cryptoObject"][..., ::2] = rng.choice(hashes, (rows, columns, 6))
+    for layer in cryptomatte.LAYERS:
+        found[layer][..., ::2] = rng.choice(hashes, (rows, columns, 6))
     return found
 
 
@@ -63,7 +65,7 @@ def test_each_aov_is_a_part_called_as_compositors_expect(tmp_path):
     file = ExrFile(tmp_path / "a.exr")
     assert [header["name"][1].decode() for header, _ in file.parts] == [
         *("rgba", "depth", "Zfront", "Zexp", "N", "P", "albedo"),
-        *("forward", "backward", "cryptoObject", "ids"),
+        *("forward", "backward", "cryptoObject", "cryptoAsset", "cryptoMaterial", "ids"),
     ]
     found = {name: array for _, arrays in file.parts for name, array in arrays.items()}
     expected = channels_of(pixels)
@@ -176,3 +178,55 @@ def test_every_working_space_is_named_with_its_primaries(tmp_path, space, red, w
     assert spec.getattribute("colorInteropID") == space
     found = spec.getattribute("chromaticities")
     assert (*found[:2], *found[6:]) == pytest.approx((*red, *white))
+
+
+def named_layers(names: dict[str, list[str]]) -> dict[str, str]:
+    """The header entries of several Cryptomattes."""
+    entries: dict[str, str] = {}
+    for layer, each in names.items():
+        entries |= {key: str(value) for key, value in cryptomatte.metadata(layer, each).items()}
+    return entries
+
+
+@pytest.mark.parametrize(
+    ("multipart", "compression"), [(False, "zip"), (True, "zip"), (False, "dwaa")]
+)
+def test_several_cryptomattes_are_told_apart(tmp_path, multipart: bool, compression: str) -> None:
+    """Oracle: the Cryptomatte specification 1.2: the key of a layer is the first seven hex digits
+    of the MurmurHash3 of its name, by mmh3 5.3; the first part names all layers, and a part of its
+    own names itself."""
+    keys = {"cryptoObject": "1a4aca8", "cryptoAsset": "c94dded", "cryptoMaterial": "6af633d"}
+    names = {"cryptoObject": NAMES, "cryptoAsset": NAMES[:1], "cryptoMaterial": ["default"]}
+    layout = ImageLayout(
+        resolution=(4, 4),
+        aovs=("color", *names),
+        multipart=multipart,
+        compression=compression,
+        crypto_rank=3,
+        metadata=named_layers(names),
+    )
+    pixels = everything(4, 4)
+    write(
+        tmp_path / "a.exr", layout, {k: v[..., :8] for k, v in pixels.items() if k in layout.aovs}
+    )
+    file, found = oiio.ImageInput.open(str(tmp_path / "a.exr")), []
+    while file.seek_subimage(len(found), 0):
+        spec = file.spec()
+        entries = {item.name: item.value for item in spec.extra_attribs}
+        manifests = {k: v for k, v in entries.items() if k.startswith("cryptomatte/")}
+        found.append((spec.channelnames, manifests))
+    file.close()
+    (channels, first), *others = found
+    for layer, key in keys.items():
+        assert first[f"cryptomatte/{key}/name"] == layer
+        assert list(json.loads(first[f"cryptomatte/{key}/manifest"])) == names[layer]
+    assert len(first) == 12
+    if multipart or compression == "dwaa":
+        assert [list(part) for part, _ in others] == [
+            [f"{layer}{pair:02d}.{c}" for pair in range(2) for c in "RGBA"] for layer in keys
+        ]
+        for (_, entries), key in zip(others, keys.values(), strict=True):
+            assert {name.split("/")[1] for name in entries} == {key}
+            assert len(entries) == 4
+    else:
+        assert len(channels) == 4 + 3 * 8 and not others

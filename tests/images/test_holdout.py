@@ -10,9 +10,12 @@ from tests.images.test_deep import deep_picture, write_deep
 from tests.images.test_deep_reader import written_by_openimageio
 from tests.images.test_exr import picture, write
 from usdsplat.core.errors import FormatError, UsageError
+from usdsplat.images import holdout_nodes
 from usdsplat.images.deep import DeepBand
 from usdsplat.images.holdout import open_holdout
 from usdsplat.images.layout import ImageLayout
+from usdsplat.kernels import reference_rays
+from usdsplat.kernels.walk import held_through
 
 SIZE = (64, 48)
 
@@ -61,6 +64,16 @@ def test_depth_counts_only_where_something_is(tmp_path):
     np.testing.assert_array_equal(found, np.float32([[5, 5, inf, inf, inf, inf, inf, 1e30]]))
 
 
+def test_pixels_with_opacity_but_no_depth_are_counted(tmp_path):
+    """Oracle: the values, by eye; without A, nothing says that something is there."""
+    z = np.float32([[np.inf, np.nan, 0, -1, 5, np.inf, np.inf]])
+    alpha = np.float32([[1, 0.5, 0.1, 1, 1, 0, np.nan]])
+    flat(tmp_path / "a.exr", {"A": alpha, "Z": z}, full=(7, 1))
+    assert open_holdout(tmp_path / "a.exr", resolution=(7, 1)).without_depth == 4
+    flat(tmp_path / "b.exr", {"Z": z}, full=(7, 1))
+    assert open_holdout(tmp_path / "b.exr", resolution=(7, 1)).without_depth == 0
+
+
 def test_an_edge_lets_a_part_through(tmp_path):
     """Oracle: the rule, 1 - A behind the depth, in each window alike; all but one pixel are opaque
     or empty."""
@@ -91,30 +104,34 @@ def test_our_own_pictures_hold_out(tmp_path, multipart):
     np.testing.assert_array_equal(holdout.rows(0, 5, 64, 48), pixels["Z"][5:])
 
 
-def expected_rows(image, origin, window):
-    """What a window holds, pixel by pixel: [(depth, transmittance), ...] from a dictionary."""
+def samples_of(band):
+    """(column, row) -> front, back and opacity of the samples, each an array"""
+    ends = np.cumsum(band.counts.ravel())
+    values = np.stack([band.depth, band.depth_back, band.color[:, 3]]).astype(np.float64)
+    columns = band.counts.shape[1]
+    return {
+        (pixel % columns, pixel // columns): values[:, end - count : end]
+        for pixel, (end, count) in enumerate(zip(ends, band.counts.ravel(), strict=True))
+    }
+
+
+def compare_deep(rows, image, origin, window):
+    """Against the product over the samples of `image`, around and within all of them."""
     x0, y0, x1, y1 = window
-    found = []
-    for y in range(y0, y1):
-        for x in range(x0, x1):
-            passed, samples = 1.0, []
-            for depth, alpha in sorted(image.get((x - origin[0], y - origin[1]), [])):
-                passed *= 1 - alpha
-                samples.append((depth, passed))
-            found.append(samples)
-    return found
-
-
-def samples_of(band, *, merged):
-    """(column, row) -> [(depth, alpha), ...]"""
-    found, at = {}, 0
-    middle = (band.depth + band.depth_back) / 2 if merged else band.depth
-    for pixel, count in enumerate(band.counts.ravel().tolist()):
-        part = slice(at, at + count)
-        place = pixel % band.counts.shape[1], pixel // band.counts.shape[1]
-        found[place] = list(zip(middle[part].tolist(), band.color[part, 3].tolist(), strict=True))
-        at += count
-    return found
+    offsets, depths, through = rows
+    assert len(offsets) == (x1 - x0) * (y1 - y0) + 1
+    assert depths.dtype == through.dtype == np.float32
+    error = []
+    for pixel, (y, x) in enumerate((y, x) for y in range(y0, y1) for x in range(x0, x1)):
+        samples = image.get((x - origin[0], y - origin[1]), np.zeros((3, 0)))
+        assert offsets[pixel + 1] - offsets[pixel] == 2 * samples.shape[1]
+        ends = np.sort(samples[:2].ravel())
+        probes = np.concatenate([[0.5], ends, ends + 1e-3, (ends[1:] + ends[:-1]) / 2, [200]])
+        for probe in np.unique(probes.astype(np.float32)):
+            expected = reference_rays.held_through(*samples, np.float64(probe))
+            error.append(held_through(offsets, depths, through, pixel, probe) - expected)
+    assert np.abs(error).max() < 2e-4
+    assert 10 * np.log10(1 / max(np.mean(np.square(error)), 1e-30)) > 80
 
 
 def compare(rows, expected):
@@ -133,18 +150,42 @@ WINDOWS = [(0, 0, 64, 48), (2, 6, 9, 14), (-3, 5, 10, 16), (-9, 0, 2, 8), (20, 0
 
 @pytest.mark.parametrize("window", WINDOWS)
 @pytest.mark.parametrize("tile", [None, (8, 4)])
-def test_deep_samples_let_through_what_they_do_not_cover(tmp_path, tile, window):
-    """Oracle: products pixel by pixel in float64; a ZBack counts half way; half opacities."""
+def test_deep_samples_attenuate_within_their_extents(tmp_path, tile, window):
+    """Oracle: the reference's product over samples in float64; half opacities."""
     band = deep_picture(11, 13)
     color = band.color.astype(np.float16).astype(np.float32)
-    band = DeepBand(counts=band.counts, depth=band.depth, depth_back=band.depth_back, color=color)
+    back = band.depth + np.float32(20) * (np.arange(len(band.depth)) % 3 > 0)  # they overlap
+    band = DeepBand(
+        counts=band.counts, depth=band.depth, depth_back=back.astype(np.float32), color=color
+    )
     written_by_openimageio(tmp_path / "a.exr", band, compression="zips", tile=tile)
     rows = open_holdout(tmp_path / "a.exr", resolution=SIZE).rows(*window)
-    compare(rows, expected_rows(samples_of(band, merged=True), (-3, 5), window))
+    compare_deep(rows, samples_of(band), (-3, 5), window)
+
+
+@pytest.mark.parametrize("tile", [None, (8, 4), (64, 64)])
+def test_the_fullest_rows_are_known_before_they_are_read(tmp_path, tile):
+    """Oracle: two nodes for each sample of a row, or of the rows of a tile."""
+    band = deep_picture(11, 13)
+    written_by_openimageio(tmp_path / "a.exr", band, compression="zips", tile=tile)
+    rows = min(tile[1], 11) if tile else 1
+    most = max(band.counts[y : y + rows].sum() for y in range(0, 11, rows))
+    assert open_holdout(tmp_path / "a.exr", resolution=SIZE).nodes == 2 * most / (13 * rows)
+
+
+def test_strips_of_a_deep_file_join(tmp_path, monkeypatch):
+    """Oracle: all rows as one strip, bit for bit."""
+    band = deep_picture(11, 13)
+    written_by_openimageio(tmp_path / "a.exr", band, compression="zips")
+    whole = open_holdout(tmp_path / "a.exr", resolution=SIZE).rows(0, 0, 64, 48)
+    monkeypatch.setattr(holdout_nodes, "STRIP", 3)
+    joined = open_holdout(tmp_path / "a.exr", resolution=SIZE).rows(0, 0, 64, 48)
+    for found, expected in zip(joined, whole, strict=True):
+        np.testing.assert_array_equal(found, expected)
 
 
 def test_samples_in_any_order_are_sorted(tmp_path):
-    """Oracle: a sort of each pixel's samples; OpenImageIO writes them as they come."""
+    """Oracle: the reference's product, which has no order; OpenImageIO writes them as they come."""
     band = deep_picture(11, 13, most=5)
     rng = np.random.default_rng(3)
     pixel = np.repeat(np.arange(143), band.counts.ravel())
@@ -154,31 +195,16 @@ def test_samples_in_any_order_are_sorted(tmp_path):
     band = DeepBand(counts=band.counts, depth=depth, depth_back=depth, color=color)
     written_by_openimageio(tmp_path / "a.exr", band, compression="none")
     rows = open_holdout(tmp_path / "a.exr", resolution=SIZE).rows(0, 0, 64, 48)
-    compare(rows, expected_rows(samples_of(band, merged=False), (-3, 5), (0, 0, 64, 48)))
-
-
-def test_samples_that_are_nowhere_hide_nothing(tmp_path):
-    """Oracle: the rule for NaN, and opacity kept within 0..1."""
-    depth = np.float32([2, 1, np.nan, 3, 4])
-    alpha = np.float32([0.5, np.nan, 1, 7, -1])
-    band = DeepBand(
-        counts=np.uint32([[5]]),
-        depth=depth,
-        depth_back=depth,
-        color=np.stack([alpha] * 4, axis=1),
-    )
-    written_by_openimageio(tmp_path / "a.exr", band, compression="none")
-    _, found, passed = open_holdout(tmp_path / "a.exr", resolution=SIZE).rows(-3, 5, -2, 6)
-    assert found.tolist() == [1, 2, 3, 4, np.inf]
-    assert passed.tolist() == [1, 0.5, 0, 0, 0]
+    compare_deep(rows, samples_of(band), (-3, 5), (0, 0, 64, 48))
 
 
 def test_ours_without_zback_holds_out(tmp_path):
-    """Oracle: products pixel by pixel in float64."""
+    """Oracle: the reference's product over samples in float64."""
     band = deep_picture(6, 8)
     write_deep(tmp_path / "a.exr", band, compression="zips")
     rows = open_holdout(tmp_path / "a.exr", resolution=(8, 6)).rows(0, 0, 8, 6)
-    compare(rows, expected_rows(samples_of(band, merged=False), (0, 0), (0, 0, 8, 6)))
+    points = DeepBand(counts=band.counts, depth=band.depth, depth_back=band.depth, color=band.color)
+    compare_deep(rows, samples_of(points), (0, 0), (0, 0, 8, 6))
 
 
 def test_what_cannot_hold_out_is_one_sentence(tmp_path):

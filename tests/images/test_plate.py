@@ -44,6 +44,14 @@ def test_a_picture_of_integers_is_srgb(tmp_path: Path) -> None:
     assert plate.usable.tolist() == [[True, True, False]]
 
 
+def test_a_space_left_over_in_a_picture_of_integers_does_not_count(tmp_path: Path) -> None:
+    """Oracle: the format: a PNG is sRGB, although OpenImageIO copies entries of an EXR into it."""
+    plate = read_plate(
+        write(tmp_path / "a.png", RGB, kind="uint8", colorInteropID="lin_rec709_scene")
+    )
+    assert plate.space == "srgb_rec709_scene"
+
+
 @pytest.mark.parametrize("name", ["lin_ap1_scene", "ACEScg"])
 def test_the_header_says_the_space_and_the_option_overrules_it(tmp_path: Path, name: str) -> None:
     """Oracle: `convert` from that space."""

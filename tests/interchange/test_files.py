@@ -10,6 +10,7 @@ import pytest
 from pxr import Sdf, Usd
 
 from tests.interchange.samples import capture
+from tests.schema.test_value_clips import clipped
 from usdsplat.core.errors import OutputError, StageError, UnknownFormatError
 from usdsplat.interchange import files, import_capture
 
@@ -57,6 +58,19 @@ def test_the_files_of_a_stage_are_its_layers_and_packages(tmp_path: Path) -> Non
     assert found == {"a.usdz", "b.usda"}
     with pytest.raises(OutputError, match="being read"):
         files.check_not_input(tmp_path / "a.usdz", files.layer_files(stage))
+
+
+def test_a_clip_that_was_not_read_is_an_input(tmp_path: Path) -> None:
+    """Oracle: the documented error; its manifest is known already, so USD has opened no clip."""
+    stage = clipped(tmp_path, "a.usdc")
+    manifest = Sdf.Layer.CreateNew(str(tmp_path / "manifest.usda"))
+    manifest.Save()
+    api = Usd.ClipsAPI(stage.GetPrimAtPath("/F"))
+    api.SetClipManifestAssetPath(Sdf.AssetPath("./manifest.usda"))
+    stage.Save()
+    opened = files.open_stage(tmp_path / "shot.usda")
+    with pytest.raises(OutputError, match="being read"):
+        files.check_not_input(tmp_path / "a.usdc", files.layer_files(opened))
 
 
 def test_a_folder_is_no_stage(tmp_path: Path) -> None:

@@ -128,3 +128,13 @@ def test_a_unit_that_is_given_replaces_that_of_the_file(tmp_path: Path) -> None:
         for each in (gather([path]), gather([path], meters_per_unit=0.5))
     ]
     assert units == [(None, None), (0.5, "given"), (1.0, "file"), (0.5, "given")]
+
+
+def test_a_given_unit_other_than_that_of_the_file_is_noted(tmp_path: Path) -> None:
+    """Oracle: glTF's unit is the metre; a .ply states none, which is no contradiction."""
+    scan, scene = capture(tmp_path), tmp_path / "scene.glb"
+    formats.write(formats.read(scan).cloud, scene)
+    (note,) = set(gather([scene], meters_per_unit=0.01).notes) - set(gather([scene]).notes)
+    assert note == "one unit is 0.01 m as given to the import, not 1 m"
+    assert gather([scene], meters_per_unit=1.0).notes == gather([scene]).notes
+    assert gather([scan], meters_per_unit=0.01).notes == gather([scan]).notes

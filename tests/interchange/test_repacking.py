@@ -118,7 +118,7 @@ def test_layers_references_and_instances_are_flattened(tmp_path: Path) -> None:
         prim.GetReferences().AddReference("./asset.usdc")
         prim.SetInstanceable(True)
     stage.Save()
-    report = repack(tmp_path / "shot.usda", tmp_path / "flat.usdc", form="packed")
+    report = repack(tmp_path / "shot.usda", tmp_path / "flat.usdc", form="packed", flatten=True)
     assert report.samples == 1
     del asset, stage
     (tmp_path / "asset.usdc").unlink()

@@ -305,6 +305,7 @@ def test_every_aov_can_be_shown_where_nothing_is(display, aov):
         "color": np.zeros((3, 4, 4)), "albedo": np.zeros((3, 4, 3)), "depth": np.full((3, 4), INF),
         "depthFront": np.full((3, 4), INF), "depthExpected": np.full((3, 4), INF),
         "Neye": np.zeros((3, 4, 3)), "P": np.zeros((3, 4, 3)), "cryptoObject": np.zeros((3, 4, 12)),
+        "cryptoAsset": np.zeros((3, 4, 4)), "cryptoMaterial": np.zeros((3, 4, 32)),
         "motionForward": np.zeros((3, 4, 2)), "motionBackward": np.zeros((3, 4, 2)),
     }  # fmt: skip
     arrays = {

@@ -131,6 +131,7 @@ MUTATIONS: dict[str, Callable[[Usd.Stage], None]] = {
     "opacity": put("/W/Mat/S.inputs:opacity", F.Float, 0.1),
     "metallic": put("/W/Mat/S.inputs:metallic", F.Float, 1.0),
     "emission": put("/W/Mat/S.inputs:emissiveColor", F.Color3f, (5, 5, 5)),
+    "input": put("/W/Mat/S.inputs:difuseColor", F.Color3f, (1, 0, 0)),
     "surface": put("/W/Mat/S.info:id", F.Token, "ND_standard_surface"),
     "texture": _texture,
     "grade": put("/W/Ball.splat:grade:exposre", F.Float, 1.0),

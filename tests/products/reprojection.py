@@ -41,22 +41,31 @@ def to_pixels(header, points):
 
 
 def nuke_camera(header):
-    """Return what Nuke's camera has: its matrix, column vectors, and focal and apertures [mm].
+    """Return the knobs of Nuke's camera: matrix (column vectors), focal and haperture [mm], and
+    win_translate, in halves of the picture's width for both axes.
 
     Nuke looks down -z; EXR's camera space is left-handed, down +z.
     """
     to_camera = header["worldToCamera"].astype(np.float64).T
     matrix = np.linalg.inv(np.diag([1.0, 1.0, -1.0, 1.0]) @ to_camera)
-    return matrix, header["pinholeFocalLength"], header["sensorOverallDimensions"]
+    shift = 2.0 * np.asarray(header["screenWindowCenter"]) / header["screenWindowWidth"]
+    return matrix, header["pinholeFocalLength"], header["sensorOverallDimensions"][0], shift
 
 
 def through_nuke(header, points):
-    """Return x and y of points [pixel] as a camera of Nuke without window offset has them."""
-    matrix, focal, (horizontal, vertical) = nuke_camera(header)
+    """Return x and y of points [pixel] as a camera of Nuke has them.
+
+    Its clip space is square: -1 to 1 over the width, in x and in y. There win_translate is
+    subtracted. The middle of the picture is at 0, y up, and a pixel is as wide as it is high
+    after division by the pixel aspect ratio. vaperture has no effect.
+    """
+    matrix, focal, horizontal, shift = nuke_camera(header)
     (x0, y0), (x1, y1) = header["displayWindow"]
+    width, height = x1 + 1 - x0, y1 + 1 - y0
     x, y, z, _ = np.moveaxis(points @ np.linalg.inv(matrix).T, -1, 0)
-    u, v = focal * x / -z / horizontal + 0.5, 0.5 - focal * y / -z / vertical
-    return x0 + u * (x1 + 1 - x0), y0 + v * (y1 + 1 - y0)
+    across = 2.0 * focal / horizontal * x / -z - shift[0]
+    up = (2.0 * focal / horizontal * y / -z - shift[1]) * header["pixelAspectRatio"]
+    return x0 + (width + across * width) / 2, y0 + (height - up * width) / 2
 
 
 def main(path):

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from tests.flattening import over
-from usdsplat.products.deep import DeepReport, flattened
-from usdsplat.render.tile_lists import DeepSamples
+from usdsplat.products.deep import DeepReport
+from usdsplat.products.flattening import flattened
+from usdsplat.render.deep_samples import DeepSamples
 
 
 def test_samples_flatten_near_over_far():

@@ -20,7 +20,7 @@ def change(shot, edit):
 @pytest.mark.parametrize(
     ("edit", "why"),
     [
-        (lambda s: s.RemovePrim("/World/Ball"), "a stage without splats or surfaces"),
+        (lambda s: s.RemovePrim("/World/Ball"), "a stage without splats, points or surfaces"),
         (
             lambda s: UsdGeom.Imageable(s.GetPrimAtPath("/World")).MakeInvisible(),
             "only splats that are hidden",

@@ -10,7 +10,7 @@ from fractions import Fraction
 import numpy as np
 import OpenImageIO as oiio
 import pytest
-from pxr import Gf, Usd, UsdGeom
+from pxr import Gf, Usd, UsdGeom, UsdRender
 
 from tests.products import reprojection
 from usdsplat import main
@@ -18,13 +18,15 @@ from usdsplat import main
 pytestmark = pytest.mark.usefixtures("compiled")
 
 SIZE = ("--resolution", "60x40")
+CROP, OVERSCAN = (0.1, 0.2, 0.7, 0.9), (-0.2, -0.1, 1.15, 1.3)
+"""Values of dataWindowNDC."""
 
 
 @pytest.fixture
 def filmed(shot):
     """Return a function that sets the shot's camera; the stage is in centimetres, at 23.976."""
 
-    def author(offset=(0.0, 0.0), projection="perspective"):
+    def author(offset=(0.0, 0.0), projection="perspective", window=None):
         stage = Usd.Stage.Open(str(shot))
         stage.SetFramesPerSecond(23.976)
         stage.SetTimeCodesPerSecond(23.976)
@@ -47,6 +49,11 @@ def filmed(shot):
         if projection == "orthographic":
             camera.GetHorizontalApertureAttr().Set(24.0)
             camera.GetVerticalApertureAttr().Set(16.0)
+        if window:
+            settings = UsdRender.Settings.Define(stage, "/Render/Main")
+            product = UsdRender.Product.Define(stage, "/Render/Own")
+            product.CreateDataWindowNDCAttr().Set(Gf.Vec4f(*window))
+            settings.GetProductsRel().AddTarget(product.GetPath())
         stage.GetRootLayer().Save()
         return shot
 
@@ -66,6 +73,10 @@ def rendered(shot, tmp_path, *flags):
         ({}, ()),
         ({"offset": (4.0, -3.0)}, ()),
         ({"projection": "orthographic"}, ()),
+        ({"projection": "orthographic", "offset": (3.0, 2.0)}, ("--overscan", 8)),
+        ({"window": CROP}, ()),
+        ({"window": OVERSCAN, "offset": (4.0, -3.0)}, ()),
+        ({"window": CROP, "offset": (4.0, -3.0), "projection": "orthographic"}, ()),
         ({}, ("--overscan", 8)),
         ({}, ("--crop", "10,5,50,35")),
         ({}, ("--pixel-aspect", 2, "--resolution", "30x40")),
@@ -81,16 +92,50 @@ def test_positions_fall_on_their_own_pixels(filmed, tmp_path, author, flags):
     assert np.hypot(x - across, y - down)[is_seen].max() < 2e-3
 
 
-def test_nuke_sees_positions_where_they_are(filmed, tmp_path):
-    """Oracle: `reprojection.through_nuke`, a camera that looks down -z, with focal length."""
-    header, channels = reprojection.read(rendered(filmed(), tmp_path))
+@pytest.mark.parametrize(
+    ("author", "flags"),
+    [
+        ({}, ()),
+        ({"offset": (4.0, -3.0)}, ()),
+        ({"offset": (-2.0, 5.0), "window": OVERSCAN}, ()),
+        ({"offset": (4.0, -3.0)}, ("--pixel-aspect", 2, "--resolution", "30x40")),
+        ({"offset": (4.0, -3.0)}, ("--resolution", "40x40")),
+    ],
+)
+def test_nuke_sees_positions_where_they_are(filmed, tmp_path, author, flags):
+    """Oracle: `reprojection.through_nuke`: a camera that looks down -z, with focal length,
+    haperture and win_translate as the recipe of the page on headers has them."""
+    header, channels = reprojection.read(rendered(filmed(**author), tmp_path, *flags))
     is_seen = channels["A"] > 0.5
     x, y = reprojection.through_nuke(header, reprojection.positions(channels))
     across, down = reprojection.centres(header)
     assert np.hypot(x - across, y - down)[is_seen].max() < 2e-3
-    matrix, focal, (horizontal, vertical) = reprojection.nuke_camera(header)
+    matrix, focal, _, _ = reprojection.nuke_camera(header)
     np.testing.assert_allclose(matrix[:3, 3], (1.5, 1.0, 3.5), atol=1e-5)
-    assert (focal, horizontal, vertical) == pytest.approx((35.0, 36.0, 24.0))
+    assert focal == pytest.approx(35.0)
+
+
+def test_the_film_back_and_its_offset_are_the_cameras(filmed, tmp_path):
+    """Oracle: the authored apertures; an offset of 4 to the right on a half width of 18."""
+    header, _ = reprojection.read(rendered(filmed(offset=(4.0, -3.0)), tmp_path))
+    np.testing.assert_allclose(header["sensorOverallDimensions"], (36.0, 24.0), rtol=1e-6)
+    *_, shift = reprojection.nuke_camera(header)
+    np.testing.assert_allclose(shift, (4 / 18, -3 / 18), rtol=1e-6)
+
+
+def test_a_camera_without_a_lens_has_its_field_of_view(tmp_path, filmed):
+    """Oracle: `through_nuke` on a camera that frames the scene, with USD's default focal length."""
+    stage = Usd.Stage.Open(str(filmed()))
+    stage.RemovePrim("/World/Cam")
+    stage.GetRootLayer().Save()
+    header, channels = reprojection.read(rendered(stage.GetRootLayer().realPath, tmp_path))
+    assert header["pinholeFocalLength"] == 50.0
+    assert not {"aperture", "focus"} & set(header)
+    x, y = reprojection.through_nuke(header, reprojection.positions(channels))
+    across, down = reprojection.centres(header)
+    is_seen = channels["A"] > 0.5
+    assert is_seen.sum() > 50
+    assert np.hypot(x - across, y - down)[is_seen].max() < 2e-3
 
 
 def test_lens_shutter_and_time_are_in_standard_units(filmed, tmp_path):

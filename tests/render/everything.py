@@ -15,6 +15,7 @@ import numpy as np
 from tests.render.rendering import lens, random_cloud, settings_of, view_of
 from tests.render.surface_scenes import add, mesh, sheet
 from usdsplat.kernels.device import Device
+from usdsplat.render.deep_samples import DeepSamples
 from usdsplat.render.renderer import AOVS, Renderer
 from usdsplat.render.scene import RenderScene
 from usdsplat.render.specs import (
@@ -27,7 +28,6 @@ from usdsplat.render.specs import (
     TextureSpec,
     View,
 )
-from usdsplat.render.tile_lists import DeepSamples
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -87,7 +87,13 @@ def scene_of(case: Case, splats: int) -> RenderScene:
         scene.set_instances(
             path,
             tuple(
-                InstanceSpec(path=path, index=i, transform=tuple(matrix.ravel()))
+                InstanceSpec(
+                    path=path,
+                    index=i,
+                    transform=tuple(matrix.ravel()),
+                    asset="/set",
+                    material="/looks/moss" if path == "/second" else "",
+                )
                 for at, i, matrix in placed
                 if at == path
             ),
@@ -101,8 +107,12 @@ def scene_of(case: Case, splats: int) -> RenderScene:
     if case.surfaces:
         points, triangles, uvs = sheet(6, 5, lambda u, v: (3 * u - 1.5, 2 * v - 1, u - 0.6))
         picture = TextureSpec(pixels=rng.random((13, 22, 3), np.float32))
-        material = MaterialSpec(diffuse=(0.9, 0.8, 0.7), texture=picture)
-        wall = mesh(points, triangles, uvs=uvs[triangles].astype(np.float32), materials=(material,))
+        material = MaterialSpec(diffuse=(0.9, 0.8, 0.7), texture=picture, path="/looks/moss")
+        plain = replace(material, path="/looks/bark")
+        wall = mesh(
+            points, triangles, uvs=uvs[triangles].astype(np.float32), materials=(material, plain),
+            material_of=np.arange(len(triangles), dtype=np.int32) % 2,
+        )  # fmt: skip
         add(scene, "/wall", wall)
         corners = rng.random((2, 3, 3), np.float32)
         leaf = mesh(
@@ -140,12 +150,13 @@ def holdout_of(case: Case) -> Any:
         )
 
     def deep(x0: int, y0: int, x1: int, y1: int) -> Any:
+        # in turn nothing, a step, and a step in front of a sample with an extent
         pixels = (y1 - y0) * (x1 - x0)
-        counts = (np.arange(pixels) % 4).astype(np.int64)
+        counts = (2 * (np.arange(pixels) % 3)).astype(np.int64)
         offsets = np.concatenate([np.zeros(1, np.int64), np.cumsum(counts)])
         order = np.arange(offsets[-1]) - np.repeat(offsets[:-1], counts)
-        depths = (3.0 + 0.7 * order).astype(np.float32)
-        return offsets, depths, (0.8 ** (order + 1)).astype(np.float32)
+        depths = np.float32([3.0, 3.0, 3.4, 4.6])[order]
+        return offsets, depths, np.float32([1.0, 0.8, 0.8, 0.3])[order]
 
     return {"": None, "flat": flat, "deep": deep}[case.holdout]
 
@@ -169,13 +180,21 @@ def drawn(device: Device, case: Case, *, size: tuple[int, int], splats: int) -> 
 
 
 def drawn_deep(
-    device: Device, case: Case, error: float, *, size: tuple[int, int], splats: int
+    device: Device,
+    case: Case,
+    error: float,
+    *,
+    size: tuple[int, int],
+    splats: int,
+    aovs: tuple[str, ...] = (),
+    samples: int = 1,
 ) -> list[DeepSamples]:
     """A case as a deep picture, band by band."""
     scene, view = scene_of(case, splats), view_on(case, size)
-    settings = settings_of(**case.settings, deep_error=error)
-    bands = Renderer(device).render_deep(scene, view, settings, holdout=holdout_of(case))
-    return [
-        DeepSamples(*(each.copy() for each in (s.counts, s.depth, s.depth_back, s.color, s.left)))
-        for _, _, s in bands
-    ]
+    settings = settings_of(**case.settings | {"samples": samples}, deep_error=error)
+    bands = Renderer(device).render_deep(
+        scene, view, settings, aovs,
+        sampler=lambda time: (scene, _moved(view, time)), holdout=holdout_of(case),
+    )  # fmt: skip
+    names = ("counts", "depth", "depth_back", "color", "left", "ids")
+    return [replace(s, **{name: getattr(s, name).copy() for name in names}) for _, _, s in bands]

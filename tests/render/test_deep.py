@@ -34,10 +34,10 @@ from usdsplat.images.layout import ImageLayout
 from usdsplat.kernels.device import CpuDevice
 from usdsplat.kernels.devices import open_device
 from usdsplat.render import frame
+from usdsplat.render.deep_samples import DeepSamples
 from usdsplat.render.renderer import Renderer
 from usdsplat.render.scene import RenderScene
 from usdsplat.render.specs import FieldSpec, Framing, InstanceSpec, View
-from usdsplat.render.tile_lists import DeepSamples
 
 OIIOTOOL = str(Path(sys.executable).with_name("oiiotool"))
 LINEAR = {"blend_space": "linear", "color_mode": "scene"}

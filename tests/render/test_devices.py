@@ -8,6 +8,7 @@ import pytest
 from tests.devices import device_of
 from tests.render.everything import CASES, DEEP, drawn, drawn_deep
 from usdsplat.kernels.device import CpuDevice, Device
+from usdsplat.render.deep_samples import DEEP_IDS
 
 SIZE, SPLATS = (150, 110), 400
 CLOSE = 1e-3
@@ -73,6 +74,22 @@ def test_a_gpu_writes_the_deep_samples_of_the_cpu(cuda: Device, name: str, error
         wrong = abs(a - b) > CLOSE
         assert wrong.mean() < FEW, field
     assert (abs(ours.left - theirs.left) > CLOSE).mean() < FEW
+
+
+@pytest.mark.parametrize("samples", [1, 3])
+@pytest.mark.parametrize("name", DEEP)
+def test_a_gpu_finds_the_ids_of_deep_samples(cuda: Device, name: str, samples: int) -> None:
+    """Also of samples that are merged. Oracle: the CPU, in the pixels with as many samples."""
+    options = {"size": SIZE, "splats": SPLATS, "aovs": DEEP_IDS, "samples": samples}
+    (ours,) = drawn_deep(cuda, CASES[name], 0.0, **options)
+    (theirs,) = drawn_deep(CpuDevice(), CASES[name], 0.0, **options)
+    assert ours.id_names == theirs.id_names == DEEP_IDS and ours.prims == theirs.prims
+    same = ours.counts == theirs.counts
+    assert same.mean() > 1 - 10 * FEW * samples
+    found = ours.ids[np.repeat(same.ravel(), ours.counts.ravel())]
+    expected = theirs.ids[np.repeat(same.ravel(), theirs.counts.ravel())]
+    assert len(expected) > 1000
+    assert (found != expected).any(axis=1).mean() < FEW * samples
 
 
 def test_two_pictures_on_one_gpu_are_the_same(cuda: Device) -> None:

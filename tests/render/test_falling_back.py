@@ -8,6 +8,7 @@ import pytest
 from tests.render.rendering import lens, random_cloud, scene_of, settings_of, view_of
 from usdsplat.core.errors import BackendError
 from usdsplat.kernels.device import CpuDevice
+from usdsplat.render import deep_merging
 from usdsplat.render.renderer import Renderer
 
 AOVS = ("color", "depth", "elementId")
@@ -56,6 +57,30 @@ def test_the_cpu_draws_what_is_still_to_come(launches) -> None:
             np.testing.assert_array_equal(found[name], expected[name], err_msg=name)
     assert renderer.device == "cpu" and device.is_closed
     assert renderer.remark == f"{SAID}; the CPU is used"
+
+
+@pytest.mark.parametrize("launches", [0, 30, 150, 400])
+def test_the_cpu_merges_the_deep_samples_that_are_still_to_come(monkeypatch, launches) -> None:
+    """Where strips are as high as they fit. Oracle: the CPU's picture, bit for bit."""
+    monkeypatch.setattr(deep_merging, "HELD", 8)
+    scene = scene_of((random_cloud(3), np.eye(4)))
+    settings = settings_of(samples=5, sorting="rayHitDistance")
+
+    def deep(renderer):
+        strips = list(
+            renderer.render_deep(scene, view_of(lens()), settings, ("primId",), band_pixels=5000)
+        )
+        ends = [y1 for _, y1, _ in strips]
+        assert [y0 for y0, _, _ in strips] == [0, *ends[:-1]] and ends[-1] == 110
+        assert len(strips) > 4
+        names = ("counts", "depth", "color", "ids")
+        return [np.concatenate([getattr(s, name) for *_, s in strips]) for name in names]
+
+    expected = deep(Renderer(CpuDevice()))
+    renderer = Renderer(Failing(launches), falls_back=True)
+    for found, array in zip(deep(renderer), expected, strict=True):
+        np.testing.assert_array_equal(found, array)
+    assert renderer.device == "cpu"
 
 
 def test_two_pictures_that_are_drawn_at_once_both_fall_back() -> None:

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import mmap
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from tests.images.test_deep import deep_picture, write_deep
+from tests.images.test_holdout import flat
 from tests.render import everything
 from tests.render.rendering import lens, random_cloud, scene_of, settings_of, view_of
+from usdsplat.images.holdout import open_holdout
+from usdsplat.images.holdout_nodes import STRIP
 from usdsplat.kernels import project
 from usdsplat.kernels.devices import open_device
 from usdsplat.render import memory
@@ -87,6 +92,28 @@ def test_a_deep_picture_allocates_what_is_declared(name):
     check(renderer, scene, view, settings, request)
 
 
+@pytest.mark.parametrize("settings", [{}, {"samples": 3}, {"deep_error": 0.01}])
+def test_ids_of_deep_samples_take_what_is_declared(settings):
+    """Oracle: as above; the estimate has more bytes for each id, and for merging."""
+    case = everything.CASES["surfaces"]
+    scene, view = everything.scene_of(case, 300), everything.view_on(case, SIZE)
+    renderer = Renderer(open_device("cpu", threads=2))
+    for _ in renderer.render_deep(scene, view, settings_of(**settings), ("primId",)):
+        pass
+    request = PictureRequest(aovs=(), deep=True, deep_ids=1)
+    check(renderer, scene, view, settings_of(**settings), request)
+    pixels = 64 * 256
+    how = replace(SETTINGS, **settings)
+    none, one, two = (needed(scene, deep=True, deep_ids=ids, settings=how) for ids in range(3))
+    merging = 8 * 64 if settings else 0
+    assert two.band - one.band == (24 * 48 + merging) * pixels
+    assert one.splats - none.splats == two.splats - none.splats > 0
+    plain = needed(scene, deep=True).band
+    if "samples" in settings:
+        # sums of the flat picture that a deep one is compared with, and entries
+        assert none.band - plain == (16 + 40 * 64) * pixels
+
+
 def check(renderer, scene, view, settings, request) -> None:
     """Compare the buffers of a renderer with what `memory` says of its picture."""
     made = renderer._idle[0].allocated()
@@ -101,6 +128,7 @@ def check(renderer, scene, view, settings, request) -> None:
         blocks=len(layout.block_starts),
         visible=visible,
         shown=shown,
+        drawn=shown or visible,
         chunks=4 * 2,
         height=SIZE[1],
         width=SIZE[0],
@@ -108,6 +136,7 @@ def check(renderer, scene, view, settings, request) -> None:
         tile_columns=-(-SIZE[0] // 16),
         crossings=made["tiles.crossings"] // 8,
         pairs=made["tiles.lists"] // 4,
+        rank_pairs=(settings.crypto_rank + 1) // 2,
         triangle_pairs=made.get("triangles.lists", 0) // 4,
     )
     used = memory.buffers_of(scene, view, settings, request)
@@ -146,6 +175,34 @@ def test_every_aov_and_sample_takes_more(scene):
     assert needed(scene, settings=blurred).band - plain == 16 * 64 * 256
     assert needed(scene, deep=True).band > needed(scene, baked=True).band > plain
     assert needed(scene, holds_out=True).splats > needed(scene).splats
+
+
+@pytest.mark.parametrize("kind", ["flat", "deep"])
+def test_a_holdout_takes_what_is_declared(tmp_path, kind):
+    """Oracle: NumPy's own account of its arrays while a band is read; at least a third of it is
+    used."""
+    rows, columns = 300, 200
+    if kind == "flat":
+        layers = {"A": np.full((rows, columns), 0.5), "Z": np.full((rows, columns), 2.0)}
+        flat(tmp_path / "a.exr", layers, full=(columns, rows))
+    else:
+        write_deep(tmp_path / "a.exr", deep_picture(rows, columns, most=20), merged=True)
+    holdout = open_holdout(tmp_path / "a.exr", resolution=(columns, rows))
+    tracemalloc.start()
+    kept = holdout.rows(0, 0, columns, rows)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert kept
+    expected = rows * columns * memory.HOLDOUT_ROWS + int(
+        holdout.nodes * columns * (rows * memory.HOLDOUT_NODE + STRIP * memory.STRIP_NODE)
+    )
+    assert expected / 3 < peak < expected
+
+
+def test_the_nodes_of_a_holdout_take_memory(scene):
+    """Oracle: the declared bytes of a band of 64 rows, which is one strip."""
+    plain, held = (needed(scene, holds_out=True, held_nodes=n).band for n in (0, 10))
+    assert held - plain == 10 * 64 * 256 * (memory.HOLDOUT_NODE + memory.STRIP_NODE)
 
 
 def test_deep_samples_are_those_of_a_strip_not_of_a_band(scene):

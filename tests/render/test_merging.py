@@ -22,6 +22,7 @@ from tests.render.rendering import (
 from tests.render.surface_scenes import add, mesh, sphere
 from usdsplat.images.exr import ExrWriter
 from usdsplat.images.holdout import open_holdout
+from usdsplat.images.holdout_nodes import nodes_of
 from usdsplat.images.layout import ImageLayout
 from usdsplat.kernels import reference, reference_rays
 
@@ -208,28 +209,24 @@ def test_a_flat_holdout_is_a_matte_mesh(tmp_path) -> None:
             np.testing.assert_allclose(held[name], matte[name], atol=1e-6, err_msg=name)
 
 
-def deep_rows(seed):
-    """Random deep samples: (counts, depth, alpha) by pixel, and as `walk` takes them."""
+def deep_samples(seed, extent):
+    """Random deep samples, of which two thirds have an extent: pixel, front, back, alpha."""
     rng = np.random.default_rng(seed)
     counts = rng.integers(0, 4, SIZE[::-1])
-    n = int(counts.sum())
     pixel = np.repeat(np.arange(counts.size), counts.ravel())
-    depth = rng.uniform(2.5, 5.5, n).astype(np.float32)
-    depth = depth[np.lexsort((depth, pixel))]
-    alpha = rng.uniform(0.1, 1, n)
-    offsets = np.concatenate([[0], np.cumsum(counts.ravel())])
-    through = np.ones(n)
-    for i in range(n):
-        before = through[i - 1] if i > offsets[pixel[i]] else 1.0
-        through[i] = before * (1 - alpha[i])
-    return pixel, depth, alpha, (offsets, depth, through.astype(np.float32))
+    front = rng.uniform(2.5, 5.5, len(pixel)).astype(np.float32)
+    back = front + np.float32(extent) * (np.arange(len(pixel)) % 3 > 0).astype(np.float32)
+    return pixel, front, back, rng.uniform(0.1, 1, len(pixel)).astype(np.float32)
 
 
 @pytest.mark.parametrize("sorting", ["zDepth", "rayHitDistance"])
-def test_a_deep_holdout_dims_what_is_behind_each_sample(sorting) -> None:
-    """Splats and surfaces alike. Oracle: products over all samples in front, in NumPy, >= 60 dB."""
+@pytest.mark.parametrize("extent", [0, 1.5])
+def test_a_deep_holdout_dims_what_is_behind_or_within_a_sample(sorting, extent) -> None:
+    """Splats and surfaces alike. Oracle: products over all samples, in NumPy, >= 60 dB."""
     eye, parts = small(), [(cloud(1), np.eye(4))]
-    pixel, depth, alpha, rows = deep_rows(4)
+    pixel, front, back, alpha = deep_samples(4, extent)
+    offsets = np.searchsorted(pixel, np.arange(SIZE[0] * SIZE[1] + 1))
+    rows = nodes_of(offsets, front, back, alpha)
     scene = add(scene_of(*parts), "/mesh", mesh_of("ball"))
 
     def holdout(x0, y0, x1, y1):
@@ -244,16 +241,18 @@ def test_a_deep_holdout_dims_what_is_behind_each_sample(sorting) -> None:
     )
 
     def held(at):
-        """What the samples nearer than `at`, shape (..., h, w), let through."""
-        part = np.ones((*at.shape[:-2], at.shape[-2] * at.shape[-1]))
-        flat = at.reshape(part.shape)
-        for p, z, a in zip(pixel, depth.astype(np.float64), alpha, strict=True):
-            part[..., p] *= np.where(z < flat[..., p], 1 - a, 1.0)
+        """What the samples let through in front of `at`, shape (..., h, w)."""
+        flat = at.reshape(*at.shape[:-2], -1)
+        part = np.ones(flat.shape)
+        for p in range(flat.shape[-1]):
+            own = [v[offsets[p] : offsets[p + 1]].astype(np.float64) for v in (front, back, alpha)]
+            part[..., p] = reference_rays.held_through(*own, flat[..., p])
         return part.reshape(at.shape)
 
     at = np.minimum(rays.depth, stops)
     weight = rays.weight * held(at)
-    close = np.abs(at.reshape(len(at), -1)[:, pixel] - depth) < 2e-4
+    by_pixel = at.reshape(len(at), -1)[:, pixel]
+    close = (np.abs(by_pixel - front) < 2e-4) & (back == front)
     doubtful = np.zeros(SIZE[0] * SIZE[1], bool)
     doubtful[pixel[(close & (rays.weight.reshape(len(at), -1)[:, pixel] > 0)).any(axis=0)]] = True
     sure = decided(seen, eye, stops) & ~doubtful.reshape(SIZE[::-1])

@@ -5,7 +5,9 @@ from __future__ import annotations
 import pytest
 from pxr import Usd, UsdGeom
 
-import usdsplat.schema  # noqa: F401 - before the first prim of the process
+from usdsplat.schema import registration
+
+registration.register()  # before the first prim of the process
 
 
 @pytest.fixture

@@ -91,3 +91,27 @@ def test_the_ops_of_metrics_assemblers_are_recognised(shot):
     place.AddScaleOp(opSuffix="unitsResolve").Set(Gf.Vec3f(1))
     place.AddRotateXOp(opSuffix="unitsResolve").Set(0.0)
     assert found_in(shot) == []
+
+
+def test_an_asset_in_an_instance_is_judged_too(shot):
+    """Oracle: the metadata authored here; the asset is below a prim in a prototype."""
+    for name in ("X", "Y"):
+        prim = shot.DefinePrim(f"/{name}", "Xform")
+        prim.GetReferences().AddInternalReference("/Set")
+        prim.SetInstanceable(True)
+    assert ("units-mismatch", "/X/Asset") in found_in(shot)
+
+
+def test_opinions_below_an_instance_are_a_finding():
+    """Oracle: USD's rule: only opinions on the instance itself apply."""
+    stage = Usd.Stage.CreateInMemory()
+    UsdGeom.Sphere.Define(stage, "/Source/Ball")
+    prim = stage.DefinePrim("/A", "Xform")
+    prim.GetReferences().AddInternalReference("/Source")
+    stage.OverridePrim("/A/Ball").GetAttribute("radius").Set(3.0)
+    assert found_in(stage) == []
+    prim.SetInstanceable(True)
+    assert stage.GetPrimAtPath("/A/Ball").GetAttribute("radius").Get() == 1.0
+    (found,) = composition_findings(stage)
+    assert (found.code, found.path) == ("ignored-opinion", "/A")
+    assert "Ball" in found.found

@@ -110,8 +110,34 @@ def test_a_value_of_another_type_is_refused(stage: Usd.Stage, name: str) -> None
         schema.grade(prim)
 
 
-@pytest.mark.parametrize(("kind", "allowed"), [("ParticleField", True), ("Mesh", False)])
-def test_it_applies_to_particle_fields(stage: Usd.Stage, kind: str, allowed: bool) -> None:
+@pytest.mark.parametrize(
+    ("kind", "allowed"), [("ParticleField", True), ("Xform", True), ("Mesh", False)]
+)
+def test_it_applies_to_fields_and_models(stage: Usd.Stage, kind: str, allowed: bool) -> None:
     """Oracle: USD's CanApplyAPI."""
     prim = stage.DefinePrim("/Prim", kind)
     assert bool(prim.CanApplyAPI(tokens.GRADE_API)) == allowed
+
+
+def test_a_wrong_inherited_value_is_reported_at_the_prim_that_has_it(stage: Usd.Stage) -> None:
+    """Oracle: the paths of the prims with the values; the field's own value is legal."""
+    prim = schema.author(stage, "/World/Splats", cloud())
+    schema.author_grade(prim, exposure=1.0)
+    above = stage.GetPrimAtPath("/World")
+    above.CreateAttribute(tokens.GRADE_SATURATION, Sdf.ValueTypeNames.Float).Set(-1.0)
+    with pytest.raises(StageError, match=r"^/World splat:grade:saturation: found -1"):
+        schema.grade(prim)
+    above.GetAttribute(tokens.GRADE_SATURATION).Set(1.0)
+    prim.GetAttribute(tokens.GRADE_EXPOSURE).Set(100.0)
+    with pytest.raises(StageError, match=r"^/World/Splats splat:grade:exposure: found 100"):
+        schema.grade(prim)
+
+
+def test_validate_reports_a_wrong_inherited_value_once(stage: Usd.Stage) -> None:
+    """Oracle: one finding at the prim that has the value, for two fields below it."""
+    for name in ("A", "B"):
+        schema.author(stage, f"/World/{name}", cloud())
+    above = stage.GetPrimAtPath("/World")
+    above.CreateAttribute(tokens.GRADE_SATURATION, Sdf.ValueTypeNames.Float).Set(-1.0)
+    wrong = [each for each in schema.validate(stage) if each.code == "illegal-grade"]
+    assert [(each.path, each.attribute) for each in wrong] == [("/World", "splat:grade:saturation")]

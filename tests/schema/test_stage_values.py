@@ -5,13 +5,19 @@ from __future__ import annotations
 import math
 
 import pytest
-from pxr import Gf, Usd, UsdGeom
+from pxr import Gf, Sdf, Usd, UsdGeom
 
 from usdsplat.core.errors import StageError
 from usdsplat.schema.stage_values import (
     are_finite,
+    extents_hint,
+    in_world,
     local_to_ancestor,
     local_to_world,
+    local_transform,
+    may_move,
+    op_names,
+    ordered_ops,
     parent_to_world,
     unknown_ops,
     up_axis,
@@ -107,3 +113,53 @@ def test_an_up_axis_that_usd_does_not_allow_counts_as_y(authored: str, axis: str
 def test_numbers_that_are_not_finite_are_found_in_any_value(value: object, expected: bool) -> None:
     """Oracle: written out by hand."""
     assert are_finite(value) == expected
+
+
+@pytest.mark.parametrize("which", ["local", "ops", "extents"])
+def test_ops_that_usd_does_not_know_are_errors_of_ours(which) -> None:
+    """Oracle: the error class, the prim and the op, for each function that evaluates ops."""
+    stage = Usd.Stage.CreateInMemory()
+    prim = UsdGeom.Xform.Define(stage, "/A/B").GetPrim()
+    UsdGeom.Cube.Define(stage, "/A/B/Box").CreateExtentAttr([(-1, -1, -1), (1, 1, 1)])
+    model = UsdGeom.ModelAPI.Apply(stage.GetPrimAtPath("/A"))
+    prim.CreateAttribute("xformOp:wrong", Sdf.ValueTypeNames.Double3).Set((1, 2, 3))
+    UsdGeom.Xformable(prim).GetXformOpOrderAttr().Set(["xformOp:wrong"])
+    cache = UsdGeom.BBoxCache(Usd.TimeCode.Default(), ["default"])
+    ask = {
+        "local": lambda: local_transform(prim, Usd.TimeCode.Default()),
+        "ops": lambda: ordered_ops(prim),
+        "extents": lambda: extents_hint(model, cache),
+    }[which]
+    with pytest.raises(StageError, match=r"^/A/B.xformOpOrder: found 'xformOp:wrong'"):
+        ask()
+
+
+def test_an_order_of_another_type_has_no_ops() -> None:
+    """Oracle: USD reads the order as an array of tokens only."""
+    stage = Usd.Stage.CreateInMemory()
+    prim = stage.DefinePrim("/A", "Xform")
+    spec = stage.GetRootLayer().GetPrimAtPath("/A")
+    Sdf.AttributeSpec(spec, "xformOpOrder", Sdf.ValueTypeNames.Int).default = 3
+    assert op_names(prim) == []
+    assert list(unknown_ops(prim)) == []
+    assert not may_move(prim)
+
+
+def test_equal_instances_are_seen_once() -> None:
+    """Oracle: written out by hand; what is below the first of two instances, also of nested ones,
+    and each prim that is an instance."""
+    stage = Usd.Stage.CreateInMemory()
+    UsdGeom.Sphere.Define(stage, "/Ball/Sphere")
+    stage.DefinePrim("/Pair")
+    for name in ("Left", "Right"):
+        ball = stage.DefinePrim(f"/Pair/{name}")
+        ball.GetReferences().AddInternalReference("/Ball")
+        ball.SetInstanceable(True)
+        pair = stage.DefinePrim(f"/{name}")
+        pair.GetReferences().AddInternalReference("/Pair")
+        pair.SetInstanceable(True)
+    stage.OverridePrim("/Ball").SetActive(True)
+    found = [str(prim.GetPath()) for prim in in_world(stage)]
+    below = [path for path in found if path.endswith("Sphere")]
+    assert below == ["/Ball/Sphere", "/Pair/Left/Sphere"]
+    assert {"/Pair/Right", "/Left", "/Right", "/Left/Right"} <= set(found)

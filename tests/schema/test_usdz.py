@@ -59,6 +59,15 @@ def test_a_package_is_too_large_for_its_format(monkeypatch: pytest.MonkeyPatch) 
         packed(("a.usdc", bytes(60)))
 
 
+def test_a_package_has_too_many_members_for_its_format(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Oracle: the limit, lowered here from 65,535; as many members as that are packed."""
+    monkeypatch.setattr(usdz, "_MOST", 2)
+    members = [("a.usdc", b""), ("b.usdc", b"")]
+    assert len(zipfile.ZipFile(io.BytesIO(packed(*members))).namelist()) == 2
+    with pytest.raises(OutputError, match=r"a\.usdz: found more than 2 files to pack"):
+        packed(*members, ("c.usdc", b""))
+
+
 def test_the_end_record(tmp_path: Path) -> None:
     """Oracle: the last record of a zip file of Python's."""
     other = tmp_path / "other.zip"

@@ -7,6 +7,8 @@ examples:
       for a Z-up pipeline; the capture is in centimetres and its y points up
   usdsplat convert scan.ply scan.usdc --packed
       a third of the size, in the packed type, which only usdsplat can draw
+  usdsplat convert asset.usd asset_packed.usdc --packed
+      the same for the fields of a stage; variants and references stay, --flatten flattens them
   usdsplat convert shot.usd still.ply --frame 12 --prim /World/Tree
       the splats below a prim at frame 12, in world space, as a capture
   usdsplat convert shot.usd tree.spz --split
@@ -27,13 +29,14 @@ notes:
   Edits change the values that 'usdsplat info' prints for a capture. If a stage is converted to a
   capture, they change the resulting capture; if a stage is converted to a stage, they change the
   values of each field and time sample.
+  Grades and crops of a stage are not applied to a capture, which is a finding; a stage keeps them.
   Inputs are never changed. The output appears when it is complete.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from contextlib import ExitStack
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -42,8 +45,11 @@ from usdsplat.cli import console, edit_flags
 from usdsplat.cli.convert_options import Options, check, switches
 from usdsplat.cli.edit_flags import edits_of
 from usdsplat.cli.reporting import Reporter
+from usdsplat.cli.stage_options import StageOptions
 from usdsplat.cli.values import time_code
 from usdsplat.core.errors import UsageError
+from usdsplat.core.folders import made_folder
+from usdsplat.core.output import output_group
 from usdsplat.core.text import shown
 from usdsplat.core.wording import counted
 
@@ -65,7 +71,6 @@ def run(options: Options, reporter: Reporter) -> int:
     from usdsplat.formats import ReadOptions, WriteOptions
     from usdsplat.images.frame_numbers import parse_frames
     from usdsplat.interchange import ImportReport, convert
-    from usdsplat.interchange.files import is_usd, open_stage
     from usdsplat.interchange.options import (
         RATE,
         ExportOptions,
@@ -79,14 +84,12 @@ def run(options: Options, reporter: Reporter) -> int:
     edits = edits_of(options.edit)
     check(options, sources, target)
     stage, frames, captures = options.stage_output, options.sequence, options.capture
-    if reporter.findings.is_strict:
-        from usdsplat.schema.composition import composition_findings
-
-        for source in filter(is_usd, sources):
-            reporter.findings.extend(composition_findings(open_stage(source)))
-        reporter.findings.check()
     form: Form = "packed" if stage.packed else "half" if stage.half else "float"
     with ExitStack() as during:
+        during.enter_context(_opened(sources, time_code(options.stage_input.frame), reporter))
+        during.enter_context(made_folder(Path(target).parent))
+        if reporter.findings.is_strict:
+            during.enter_context(output_group())
         if any(edit.kind.compiles for edit in edits):
             from usdsplat.kernels.compiling import on_compile
 
@@ -116,15 +119,37 @@ def run(options: Options, reporter: Reporter) -> int:
                 rate=RATE if frames.rate is None else frames.rate,
                 interpolate=frames.interpolate,
             ),
+            flatten=options.stage_input.flatten,
             progress=during.enter_context(reporter.progress()),
         )
-    if not isinstance(report, ImportReport):
-        reporter.findings.extend(report.findings)
+        if not isinstance(report, ImportReport):
+            reporter.findings.extend(report.findings)
+        reporter.findings.check()
     if options.json:
         reporter.print_json(asdict(report))
     else:
         console.say(_told(report))
     return 0
+
+
+@contextmanager
+def _opened(sources: Sequence[Path], time: float | None, reporter: Reporter) -> Iterator[None]:
+    """Report what the stages among the sources ask for and do not get, without reading splats.
+
+    The stages stay open in the context, so that the conversion does not read their layers again.
+
+    Raises:
+        StrictError: If the command is strict and there is an error or a warning.
+    """
+    from usdsplat.cli.stages import open_stage
+    from usdsplat.interchange.files import is_usd
+    from usdsplat.products.checking import prim_findings
+
+    stages = [open_stage(each, StageOptions(), reporter) for each in filter(is_usd, sources)]
+    for stage in stages:
+        reporter.findings.extend(prim_findings(stage, time))
+    reporter.findings.check()
+    yield
 
 
 _COMPILING = "compiling kernels, once; it takes up to half a minute"
@@ -145,6 +170,8 @@ def _told(report: Report) -> str:
         return "\n".join([*lines, *(f"  note   {note}" for note in report.notes)])
     if isinstance(report, RepackReport):
         found = counted(len(report.prim_paths), "field")
+        if report.variants > len(report.prim_paths):
+            found += f" in {counted(report.variants, 'variant')}"
         samples, splats = counted(report.samples, "sample"), counted(report.splats, "splat")
         changed = f"{found}, {samples}, {splats}, now {report.form}"
         as_it_was = f"no field changed, all are {report.form}"

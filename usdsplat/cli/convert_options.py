@@ -42,6 +42,9 @@ class StageRead:
     """time code at which a stage is read; default: its default values, or the first samples"""
     split: Annotated[bool, option()] = False
     """write one file per field, named OUT with the prim's name before the suffix"""
+    flatten: Annotated[bool, option()] = False
+    """from stage to stage: write one self-contained file with the selected variants; default: keep
+    variants, references and payloads, and write the converted fields over them"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -98,7 +101,7 @@ _MEANINGFUL = {
     ),
     (True, False): ("prim", "axes", "spz_version"),
     (False, False): ("axes", "lod", "spz_version"),
-    (True, True): ("packed", "half"),
+    (True, True): ("packed", "half", "flatten"),
 }
 """(input is a stage, output is a stage) -> flags that apply."""
 _OF_ONE = {(False, True): ("cameras",), (True, False): ("frame", "split")}

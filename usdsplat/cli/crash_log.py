@@ -58,7 +58,7 @@ class CrashLog:
 
         if number in interrupt.SIGNALS:
             return failures.interrupted(interrupt.Interrupted(number))
-        name, text = signal.Signals(number).name, self._text()
+        name, text = _name(number), self._text()
         if _is_tight() or failures.text_lacks_memory(text):
             console.complain(f"{failures.command(arguments)}: {failures.MEMORY}")
             return failures.FOUND
@@ -78,6 +78,14 @@ class CrashLog:
         os.lseek(self._fd, 0, os.SEEK_SET)
         with open(self._fd, "rb", closefd=False) as file:
             return file.read().decode("utf-8", "backslashreplace")
+
+
+def _name(number: int) -> str:
+    """Return the name of a signal; real-time signals between the first and the last have none."""
+    try:
+        return signal.Signals(number).name
+    except ValueError:
+        return f"signal {number}"
 
 
 def _nameless() -> int:

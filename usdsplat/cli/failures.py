@@ -94,7 +94,7 @@ def lacks_memory(error: BaseException) -> bool:
             return True
         if any(sign in str(seen).lower() for sign in _SIGNS):
             return True
-        seen = seen.__cause__ or seen.__context__
+        seen = seen.__cause__ or (None if seen.__suppress_context__ else seen.__context__)
     return False
 
 

@@ -75,10 +75,12 @@ def _stage(options: Options, reporter: Reporter) -> dict[str, Any]:
     """Describe a stage, and draw it if asked."""
     from usdsplat.cli.stages import open_stage
     from usdsplat.products import summary
+    from usdsplat.products.checking import opening_findings
 
     time = time_code(options.frame)
     with reporter.progress() as progress:
         stage = open_stage(options.file, options.opening, reporter)
+        reporter.findings.extend(opening_findings(stage, time))
         described = summary.of_stage(stage, time, progress=progress)
     described = {"file": str(options.file), **described}
     if options.plot:
@@ -128,6 +130,8 @@ def _lines(value: dict[str, Any], indent: str) -> list[str]:
         name = key.replace("_", " ")
         if item is None or item is False or item in ([], {}, ""):
             continue
+        if key == "agrees":
+            continue  # the remark says it if they do not
         if isinstance(item, list) and isinstance(item[0], dict):
             for entry in item:
                 lines += [f"{indent}{name}", *_lines(entry, indent + "  ")]

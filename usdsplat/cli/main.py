@@ -19,7 +19,7 @@ from usdsplat import __version__
 from usdsplat.cli import console, failures
 from usdsplat.cli.flag_names import as_typed
 from usdsplat.core import interrupt
-from usdsplat.core.errors import BackendError, UsageError, UsdSplatError
+from usdsplat.core.errors import BackendError, EarlierFilesError, UsageError, UsdSplatError
 
 COMMANDS = {
     "convert": "convert captures to a stage, a stage to captures, or either to another of its kind",
@@ -59,10 +59,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         traceback is in a file that the line names, 130 after Ctrl-C, 141 if the reader of stdout
         has closed it, and 128 + the signal's number after another signal.
     """
-    log = logging.getLogger(
-        "usdsplat"
-    )  # log records are for programs; a command prints its own remarks
-    log.addHandler(logging.NullHandler())
+    log = logging.getLogger("usdsplat")  # for programs; a command prints its own remarks
+    if not log.handlers:
+        log.addHandler(logging.NullHandler())
     log.propagate = False
     arguments = list(sys.argv[1:] if argv is None else argv)
     try:
@@ -74,6 +73,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt as error:
         return failures.interrupted(error)
     except UsdSplatError as error:
+        if interrupt.received():  # the interruption was lost, and this is what came of it
+            if isinstance(error, EarlierFilesError):
+                console.complain(str(error))  # nothing else says where they are
+            return failures.interrupted(interrupt.Interrupted(interrupt.received()))
         is_ours = isinstance(error, (UsageError, BackendError)) or error.where.startswith("render ")
         where = as_typed(error.where, _flags_of(arguments)) if is_ours else error.where
         console.complain(f"{where}: found {error.found}, expected {error.expected}")

@@ -203,6 +203,8 @@ def _converted(argument: Argument, value: Any) -> Any:
         return value
     if argument.is_many:
         return tuple(argument.kind(each) for each in value)
+    if isinstance(value, list):
+        value = "--"  # Python 3.11 removes it, even from --output=--
     try:
         converted = argument.kind(value)
         if isinstance(converted, int) and abs(converted) > LARGEST:

@@ -41,6 +41,8 @@ class Options:
     """print a shell line that prepends the folders to the variable"""
     validators: Annotated[bool, option()] = False
     """add the folder of the UsdValidation checks; needs usdsplat in the application's Python"""
+    json: Annotated[bool, option(excludes="--export")] = False
+    """print one JSON object with the name of the variable and the folders"""
     reporting: ReportingOptions = field(default_factory=ReportingOptions)
 
 
@@ -53,6 +55,9 @@ def run(options: Options, _: Reporter) -> int:
     if options.validators:
         folders.append(validators_folder())
     value = os.pathsep.join(map(str, folders))
+    if options.json:
+        console.print_json({"variable": VARIABLE, "folders": list(map(str, folders))})
+        return 0
     console.say_path(_line(value) if options.export else value)
     return 0
 

@@ -11,6 +11,8 @@ examples:
       with the camera's motion blur and depth of field, and pixels around the picture
   usdsplat render shot.usd -o shot.exr --deep --holdout cg.exr
       every contribution to each pixel, except those hidden by another renderer's picture
+  usdsplat render shot.usd -o shot.exr --deep --samples 16 --aovs id,cryptoObject --deep-error 0.01
+      with blur and ids, and with neighbouring samples merged to keep the file small
   usdsplat render shot.usd -o shot.exr --color-mode inverseView --config ocio://studio-config-latest
       colours that the config's first view, here ACES 2.0, shows as they were captured
   usdsplat render shot.usd
@@ -21,7 +23,8 @@ notes:
   PNG is display-referred sRGB; EXR is scene-linear Rec.709 unless --color-mode says otherwise.
   Flags override the values of the stage's UsdRender prims.
   Without --frames, a name with #### gets the stage's whole range, any other name its first frame.
-  So does a productName whose time samples differ. A shell needs quotes around '$F4' and '<F4>'.
+  So does a productName whose time samples differ. A shell needs quotes around '$F4' and '<F4>',
+  which may also be in the names of folders.
   If the stage has several products, -o renders the first one; --product selects another.
   If the stage has no camera, a static camera shows the splats of the first, middle and last
   frame. For a sequence that is rendered in several runs, use --camera.
@@ -82,9 +85,9 @@ class Options:
     memory_limit: Annotated[str | None, option("SIZE")] = None
     """maximum memory of the process, such as 800M or 6G; default: no limit"""
     resume: Annotated[bool, option()] = False
-    """skip frames whose file exists"""
+    """skip frames whose file exists, unless it is truncated or another picture"""
     json: Annotated[bool, option()] = False
-    """print one JSON object with the pictures and the findings"""
+    """print one JSON object with the pictures, the files that --resume skipped, and the findings"""
     framing: FramingOptions = field(default_factory=FramingOptions)
     drawing: DrawingFlags = field(default_factory=DrawingFlags)
     sampling: SamplingFlags = field(default_factory=SamplingFlags)
@@ -100,8 +103,8 @@ def run(options: Options, reporter: Reporter) -> int:
     from usdsplat.delegate.engine import Engine
     from usdsplat.interchange.opening import check_prims
     from usdsplat.kernels.compiling import compile_time, on_compile
-    from usdsplat.products.drawing import DrawOptions, draw_frames, work_of
-    from usdsplat.products.frames import first_frame, frames_to_draw
+    from usdsplat.products.drawing import DrawOptions, draw_frames, files_of, work_of
+    from usdsplat.products.frames import first_frame, frames_to_draw, outside_range
     from usdsplat.products.planning import plan_pictures
 
     request = _request(options)
@@ -132,6 +135,7 @@ def run(options: Options, reporter: Reporter) -> int:
         with Engine(stage, device=options.device, threads=options.threads, time=first) as engine:
             plans = plan_pictures(engine, request)
             frames = frames_to_draw(stage, options.frames, plans)
+            reporter.findings.extend(filter(None, [outside_range(stage, frames)]))
             engine.expect(work_of(plans, frames))
             for drawn in draw_frames(
                 engine,
@@ -148,13 +152,17 @@ def run(options: Options, reporter: Reporter) -> int:
     if not report:
         reporter.remark("nothing to do: every file exists already")
     if options.json:
+        done = {drawn.path for drawn in report}
+        paths = [path for group in files_of(plans, frames) for path in group]
         pictures = [{**asdict(drawn), "path": str(drawn.path)} for drawn in report]
-        reporter.print_json({"pictures": pictures})
+        skipped = [str(path) for path in paths if path not in done]
+        reporter.print_json({"pictures": pictures, "skipped": skipped})
     return 0
 
 
 def _request(options: Options) -> RenderRequest:
     """Return the request that the flags describe."""
+    from usdsplat.images.user_metadata import parse_entry
     from usdsplat.products.request import RenderRequest
 
     framing, file = options.framing, options.file
@@ -176,6 +184,7 @@ def _request(options: Options) -> RenderRequest:
         compare=not file.no_compare,
         bake_view=file.bake_view,
         settings={name: value for each in flags for name, value in given(each).items()},
+        metadata=dict(parse_entry("--metadata", text) for text in file.metadata),
         settings_prim=options.settings,
         product=options.product,
     )

@@ -67,6 +67,9 @@ class FileOptions(FileFlags):
     bake_view: Annotated[bool, option()] = False
     """apply the view transform to the file; PNGs always have it"""
     deep: Annotated[bool, option()] = False
-    """write a deep EXR, with every contribution to a pixel"""
+    """write a deep EXR, with every contribution to a pixel; it can have the AOVs color, Z, ids and
+    cryptoObject"""
+    metadata: Annotated[tuple[str, ...], option("NAME=VALUE")] = ()
+    """add an entry to the files' headers, a number if it looks like one; may be repeated"""
     no_compare: Annotated[bool, option()] = False
     """do not compare a deep picture with a flat one; takes half the time"""

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import asdict, dataclass
 from typing import Annotated, Any, Protocol
@@ -22,6 +22,8 @@ from usdsplat.core.text import shown
 
 _CONTEXT = re.compile(r" \([a-z ]+ on stage @.*\)$")
 """End of a message of USD with the stage's address."""
+_PATH = re.compile(r"<([^<>]*)>")
+"""A path in a message of USD."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -44,11 +46,9 @@ class Reporter:
         self._verbose = options.verbose
         self.findings = Findings(self._tell, say=self.remark, is_strict=options.strict)
         """Collector of the findings; each is printed when it is new."""
-
-    @property
-    def is_quiet(self) -> bool:
-        """Whether only results and errors are printed."""
-        return self._quiet
+        self.printed: Iterable[Finding] = ()
+        """Findings that the command prints itself; they are only added to the JSON."""
+        self._json: dict[str, Any] | None = None
 
     def remark(self, text: str) -> None:
         """Print a message that is neither a result, nor an error, nor a finding."""
@@ -65,9 +65,19 @@ class Reporter:
         """Return a function to call for each compiled kernel, see `console`."""
         return (lambda kernel: None) if self._quiet else console.announce_compilation(text)
 
+    def everything(self) -> list[Finding]:
+        """Return all findings of the command."""
+        return [*self.printed, *self.findings]
+
     def print_json(self, value: dict[str, Any]) -> None:
-        """Print an object as JSON, with the findings so far."""
-        console.print_json({**value, "findings": [asdict(each) for each in self.findings]})
+        """Print an object as JSON at the end of the command, with all findings."""
+        self._json = value
+
+    def finish(self) -> None:
+        """Print the JSON object of the command, if there is one, with all findings added."""
+        if self._json is not None:
+            findings = [asdict(each) for each in self.everything()]
+            console.print_json({**self._json, "findings": findings})
 
     def is_shown(self, found: Finding) -> bool:
         """Return whether a finding is printed."""
@@ -107,18 +117,20 @@ def reported(command: Command, options: Any) -> int:
     findings = reporter.findings
     uses_usd = getattr(command, "USES_USD", True)
     try:
-        with library_messages(findings) if uses_usd else nullcontext():
+        with library_messages(reporter) if uses_usd else nullcontext():
             status = command.run(options, reporter)
     except StrictError as error:
         console.remark(str(error))
         if getattr(options, "json", False):
             reporter.print_json({})
+            reporter.finish()
         return 1
+    reporter.finish()
     return 1 if status == 0 and findings.is_strict and findings.is_failure else status
 
 
 @contextmanager
-def library_messages(findings: Findings) -> Iterator[None]:
+def library_messages(reporter: Reporter) -> Iterator[None]:
     """Collect messages of USD and warnings of Python libraries as findings, instead of printing.
 
     Messages that repeat a finding on composition are dropped. Errors of USD that it raises as
@@ -126,32 +138,38 @@ def library_messages(findings: Findings) -> Iterator[None]:
     """
     from pxr import UsdUtils
 
+    findings = reporter.findings
     told = UsdUtils.CoalescingDiagnosticDelegate()
     with warnings.catch_warnings(record=True) as warned:
         try:
             yield
         finally:
+            known = _Known(reporter.everything())
             for each in told.TakeUncoalescedDiagnostics():
                 text = _CONTEXT.sub("", " ".join(str(each.commentary).split()))
-                if not _is_known(text, findings):
+                if text not in known:
                     findings.add(finding("usd-message", "USD", text, "no message"))
             for each in warned:
                 where = f"{each.filename}:{each.lineno}"
                 text = f"{each.category.__name__}: {each.message}"
-                findings.add(finding("python-warning", where, text, "no warning"))
+                findings.add(finding("python-warning", where, text, "no warning", attribute=""))
 
 
-def _is_known(text: str, findings: Findings) -> bool:
-    """Return whether a message of USD is about a muted layer, or about an asset or a prim path of a
-    finding."""
-    if " was muted " in text:
-        return True
-    if " was muted " in text:
-        return True
-    assets = [part for part in text.split("@")[1::2] if part]
-    known = [each for each in findings if each.code in ("missing-asset", "missing-prim")]
-    known += [each for each in findings if each.code == "composition"]
-    return any(
-        f"<{each.path}>" in text or any(asset in each.found for asset in assets[:1])
-        for each in known
-    )
+class _Known:
+    """The composition problems that are known as findings, to look up messages of USD."""
+
+    def __init__(self, findings: Iterable[Finding]) -> None:
+        codes = ("missing-asset", "missing-prim", "composition")
+        known = [each for each in findings if each.code in codes]
+        self._paths = {each.path for each in known}
+        self._found = "\n".join({each.found for each in known})
+
+    def __contains__(self, text: str) -> bool:
+        """Return whether a message is about a muted layer, or about an asset or a prim path of a
+        finding."""
+        if " was muted " in text:
+            return True
+        asset = next((part for part in text.split("@")[1::2] if part), None)
+        if asset is not None and asset in self._found:
+            return True
+        return not self._paths.isdisjoint(_PATH.findall(text))

@@ -130,6 +130,8 @@ def _bake(options: Options, source: Path, target: Path, reporter: Reporter) -> i
         found = f"{source}, which is a capture"
         expected = "a stage with a SplatSim prim; --preset makes one"
         raise UsageError("simulate", found, expected)
+    if not target.name:
+        raise UsageError("--output", repr(str(target)), "a file")
     stage = open_stage(source, options.stage_opening, reporter)
     check_not_input(target, layer_files(stage))
     for text in options.overrides:

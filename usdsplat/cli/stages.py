@@ -14,6 +14,7 @@ from usdsplat.core.progress import Progress, silent
 from usdsplat.interchange.files import is_usd
 from usdsplat.interchange.opening import open_as_asked, open_capture
 from usdsplat.schema.composition import composition_findings
+from usdsplat.sim.stage.bake_findings import bake_findings
 
 
 def open_stage_or_capture(
@@ -68,7 +69,7 @@ def open_stage(
     Args:
         path: A file that USD reads.
         options: Options for opening.
-        reporter: Receives a finding for each composition error.
+        reporter: Receives a finding for each composition error, and for missing results of a bake.
         keep: Paths of prims that are loaded regardless of the mask, if they exist.
 
     Raises:
@@ -84,4 +85,5 @@ def open_stage(
         keep=keep,
     )
     reporter.findings.extend(composition_findings(stage))
+    reporter.findings.extend(bake_findings(stage))
     return stage

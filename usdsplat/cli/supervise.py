@@ -12,6 +12,7 @@ command runs in this process. The same signals interrupt it, but only while Pyth
 
 from __future__ import annotations
 
+import atexit
 import os
 import select
 import signal
@@ -19,6 +20,7 @@ import sys
 import time
 from collections.abc import Sequence
 from contextlib import suppress
+from typing import NoReturn
 
 from usdsplat.cli.crash_log import CrashLog
 from usdsplat.cli.streams import open_streams
@@ -32,6 +34,7 @@ IMPATIENCE = 0.5
 signal at about the same time, such as a terminal and `make`."""
 _MADE, _REMOVED, _DONE = b"+", b"-", b"="
 _HELP = {"-h", "--help", "help", "--version"}
+"""Words that ask for help, as the first argument or as the only one of a command."""
 
 
 def entry() -> int:
@@ -42,10 +45,15 @@ def entry() -> int:
         not hasattr(os, "fork")
         or os.environ.get(VARIABLE) == "0"
         or not arguments
-        or _HELP.intersection(arguments)
+        or _asks_for_help(arguments)
     ):
         return _command(None)
     return _supervise(arguments)
+
+
+def _asks_for_help(arguments: Sequence[str]) -> bool:
+    """Return whether a command line only prints help or the version."""
+    return arguments[0] in _HELP or (len(arguments) == 2 and arguments[1] in ("-h", "--help"))
 
 
 def _supervise(arguments: Sequence[str]) -> int:
@@ -78,7 +86,8 @@ def _supervise(arguments: Sequence[str]) -> int:
     for number in interrupt.SIGNALS:
         if signal.getsignal(number) != signal.SIG_IGN:
             signal.signal(number, _nothing)
-    signal.pthread_sigmask(signal.SIG_SETMASK, before)
+    # SIGCHLD tells of the child's end, also if the caller has blocked it
+    signal.pthread_sigmask(signal.SIG_SETMASK, set(before) - {signal.SIGCHLD})
     parent = Parent(child, news=news[0], wake=wake[0])
     return parent.status(parent.wait(), arguments, log)
 
@@ -99,11 +108,31 @@ def _command(child: Child | None) -> int:
         from usdsplat.cli import failures
 
         status = failures.interrupted(error)
+    except Exception:  # what a C++ module that was interrupted while it was loaded makes of it
+        if not interrupt.received():
+            raise
+        from usdsplat.cli import failures
+
+        status = failures.interrupted(interrupt.Interrupted(interrupt.received()))
     for number in interrupt.SIGNALS:
         signal.signal(number, signal.SIG_IGN)
     if child is not None:
         child.done(status)
+        if interrupt.received():
+            _leave(status)
     return status
+
+
+def _leave(status: int) -> NoReturn:
+    """End this process without the end of the interpreter.
+
+    Threads of C++ code that was interrupted may still run, and crash while it takes place.
+    """
+    atexit._run_exitfuncs()
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(OSError, ValueError):
+            stream.flush()
+    os._exit(status)
 
 
 class Child:

@@ -19,7 +19,7 @@ notes:
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -28,7 +28,7 @@ from usdsplat.cli.arguments import option, positional
 from usdsplat.cli.reporting import Reporter, ReportingOptions
 from usdsplat.cli.stage_options import StageOptions
 from usdsplat.cli.values import time_code
-from usdsplat.core.errors import UsdSplatError
+from usdsplat.core.errors import UsageError, UsdSplatError
 from usdsplat.core.findings import Finding, Findings, from_error
 from usdsplat.core.progress import Progress
 from usdsplat.core.text import shown
@@ -53,7 +53,7 @@ def run(options: Options, reporter: Reporter) -> int:
     """Print the findings. Return 1 for errors, and in a strict run for warnings; otherwise 0."""
     from usdsplat.kernels.compiling import on_compile
 
-    everything = Findings(is_strict=options.reporting.strict)
+    reporter.printed = everything = Findings(is_strict=options.reporting.strict)
     total: Counter[str] = Counter(files=len(options.stages))
     with reporter.progress() as progress, on_compile(reporter.announce_compilation()):
         for path in options.stages:
@@ -63,8 +63,7 @@ def run(options: Options, reporter: Reporter) -> int:
             if not options.json:
                 _show(path, findings, looked_at, reporter)
     if options.json:
-        found = [asdict(each) for each in everything]
-        console.print_json({"findings": found, "looked_at": dict(total)})
+        reporter.print_json({"looked_at": dict(total)})
     elif len(options.stages) > 1:
         console.say(f"{counted(len(options.stages), 'file')}: {_amounts(everything)}")
     is_failure = everything.is_strict and everything.is_failure
@@ -75,7 +74,8 @@ def _checked(path: Path, options: Options, progress: Progress) -> tuple[Findings
     """Return the findings on a stage, and how much was checked.
 
     Raises:
-        UsdSplatError: If the only stage cannot be opened; one of several is a finding.
+        UsdSplatError: If the only stage cannot be opened; one of several is a finding, and so is
+            the only one with --json.
     """
     from usdsplat.interchange.opening import open_as_asked
     from usdsplat.products.checking import check_stage
@@ -94,8 +94,10 @@ def _checked(path: Path, options: Options, progress: Progress) -> tuple[Findings
         )
         time = time_code(options.frame)
         looked_at = check_stage(stage, collected, time=time, progress=progress)
+    except UsageError:
+        raise
     except UsdSplatError as error:
-        if is_only:
+        if is_only and not options.json:
             raise
         collected.add(replace(from_error("unreadable", error), path=str(path), attribute=""))
     findings = Findings()

@@ -23,6 +23,7 @@ notes:
 
 from __future__ import annotations
 
+import importlib
 import os
 import sys
 import webbrowser
@@ -249,7 +250,8 @@ def _check_stage(path: Path, options: Options, reporter: Reporter) -> None:
 def _check_window() -> None:
     """Raise an error if no window can be shown. Each message suggests the page instead."""
     try:
-        import PySide6.QtWidgets  # noqa: F401 - checks that it can be loaded
+        for module in ("PySide6", "PySide6.QtWidgets"):
+            importlib.import_module(module)
     except ModuleNotFoundError:
         expected = "'pip install usdsplat[view]', or --web for a page in a browser"
         raise BackendError("window", "no PySide6", expected) from None

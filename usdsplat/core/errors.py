@@ -8,6 +8,9 @@ line writes its traceback to a file, and exits with status 3.
 
 from __future__ import annotations
 
+from collections.abc import Collection
+from pathlib import Path
+
 from usdsplat.core.text import shown
 
 
@@ -52,6 +55,21 @@ class UsageError(UsdSplatError, ValueError):
 
 class OutputError(UsdSplatError, OSError):
     """A result cannot be written. Fix: choose another target."""
+
+
+class EarlierFilesError(OutputError):
+    """Results cannot be put in place, nor the earlier ones put back. Fix: move the earlier ones
+    back from the folders that the message names.
+
+    Args:
+        folders: Private folders that must not be removed, because earlier results are in them.
+    """
+
+    def __init__(
+        self, where: str, found: str, expected: str, folders: Collection[Path] = ()
+    ) -> None:
+        super().__init__(where, found, expected)
+        self.folders = folders
 
 
 class StrictError(UsdSplatError, RuntimeError):

@@ -10,7 +10,13 @@ import re
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 
-from usdsplat.core.errors import StrictError, UsdSplatError
+from usdsplat.core.errors import (
+    FormatError,
+    OutputError,
+    StrictError,
+    UnknownFormatError,
+    UsdSplatError,
+)
 from usdsplat.core.finding_codes import CODES, LIBRARY_MESSAGES, Severity
 from usdsplat.core.wording import counted
 
@@ -28,8 +34,18 @@ __all__ = [
 STRICT: tuple[Severity, ...] = ("error", "warning")
 """Severities that a strict command does not accept."""
 
-_WHERE = re.compile(r"(/[^.\s]*)(?:[.\s](.*))?")
+_PROPERTY = re.compile(
+    r"((?:/[^\W\d]\w*(?:\{\w+=\w*\})*)+)(?:\.(?=[^\W\d])|\s(?=[^\W\d][^/.]*$))(.*)"
+)
 """Path of a prim, and the attribute or part of it that follows."""
+_FILE = re.compile(
+    r"(?:.*\.)?(?:usd[acz]?|exr|png|jpe?g|tiff?|hdr|tx|ply|spz|sog|splat|ksplat|glb|gltf|json|ocio|"
+    r"txt|py)(?::\d+)?(?:\s.*)?",
+    re.IGNORECASE,
+)
+"""Text after the last full stop of a location if the location is a file, such as "usda" or "py:12".
+
+Otherwise the text is the name of an attribute."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -61,7 +77,9 @@ class Finding:
     @property
     def message(self) -> str:
         """The finding as one sentence, *where: found X, expected Y*, and its consequence."""
-        where = f"{self.path}.{self.attribute}" if self.attribute else self.path
+        where = self.path
+        if self.attribute:
+            where += (" " if " " in self.attribute else ".") + self.attribute
         if self.time is not None:
             where += f" at {self.time:g}"
         if self.samples > 1:
@@ -87,6 +105,7 @@ def finding(
     found: str,
     expected: str,
     *,
+    attribute: str | None = None,
     severity: Severity | None = None,
     cure: str = "",
 ) -> Finding:
@@ -96,10 +115,16 @@ def finding(
         code: Key of `CODES`.
         where: Path of a prim, or of one of its properties; or the name of something else.
         found, expected: As in the errors of `core.errors`.
+        attribute: Attribute concerned, "" for none; `where` is then a path or a name as a whole.
+            None for the one that `where` ends in, if it is the path of a property and not the
+            name of a file with a usual suffix.
         severity, cure: None and "" for those of the code.
     """
-    match = _WHERE.fullmatch(where)
-    path, attribute = (match[1], match[2] or "") if match else (where, "")
+    path = where
+    if attribute is None:
+        match = _PROPERTY.fullmatch(where)
+        is_property = match is not None and not _FILE.fullmatch(match[2])
+        path, attribute = match.groups() if match and is_property else (where, "")
     return Finding(
         code=code,
         severity=severity or CODES[code].severity,
@@ -112,8 +137,11 @@ def finding(
 
 
 def from_error(code: str, error: UsdSplatError, *, severity: Severity | None = None) -> Finding:
-    """Return an error as a finding."""
-    return finding(code, error.where, error.found, error.expected, severity=severity)
+    """Return an error as a finding; one about a file names no attribute."""
+    attribute = "" if isinstance(error, FormatError | UnknownFormatError | OutputError) else None
+    return finding(
+        code, error.where, error.found, error.expected, attribute=attribute, severity=severity
+    )
 
 
 class Findings:

@@ -34,7 +34,7 @@ a later frame have its time code.
 - Codes of splat fields are also the names of the UsdValidation errors of our validators, in
   camelCase.
 
-This page is generated from `usdsplat/core/finding_codes.py` by `python -m
+This page is generated from `usdsplat/core/finding_codes/` by `python -m
 usdsplat.core.findings_page`.
 
 | code | severity | meaning | cure |

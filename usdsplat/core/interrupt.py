@@ -1,8 +1,9 @@
 """Interruption of the process by a signal, recorded so that it cannot be lost.
 
 Python raises the exception of a signal handler wherever the main thread is. C++ code that called
-Python, such as USD's while it is imported, drops the exception and goes on. Long work therefore
-looks at the record too: reports of progress, and whoever commits a finished file.
+Python, such as USD's and OpenImageIO's while they are imported, drops the exception and goes on.
+Long work therefore looks at the record too: reports of progress, and whoever commits a finished
+file.
 """
 
 from __future__ import annotations
@@ -16,6 +17,12 @@ SIGNALS = tuple(
 """The signals that ask a process to end."""
 
 _PAUSE = 0.01  # s
+
+_IN_CPP = (
+    "pxr", "OpenImageIO", "PyOpenColorIO", "PySide6", "shiboken6", "shibokensupport",
+    "signature_bootstrap",
+)  # fmt: skip
+"""C++ packages that ignore an exception raised by a signal handler while they are imported."""
 
 _received = 0
 
@@ -94,23 +101,23 @@ def _again(number: int, frame: FrameType | None) -> None:
 
 
 def _raise(frame: FrameType | None) -> None:
-    """Raise the interruption, or try again after `_PAUSE` while code of USD's modules runs.
+    """Raise the interruption, or try again after `_PAUSE` while code of `_IN_CPP` runs.
 
-    USD prints and drops an exception that is raised while its modules are imported.
+    Such modules print and drop an exception that is raised while they are imported.
 
     Raises:
         Interrupted: If no such code runs.
     """
-    if hasattr(signal, "setitimer") and _is_in_usd(frame):
+    if hasattr(signal, "setitimer") and _is_in_cpp(frame):
         signal.signal(signal.SIGALRM, _again)
         signal.setitimer(signal.ITIMER_REAL, _PAUSE)
         return
     raise Interrupted(_received)
 
 
-def _is_in_usd(frame: FrameType | None) -> bool:
+def _is_in_cpp(frame: FrameType | None) -> bool:
     while frame is not None:
-        if frame.f_globals.get("__name__", "").startswith("pxr."):
+        if frame.f_globals.get("__name__", "").partition(".")[0] in _IN_CPP:
             return True
         frame = frame.f_back
     return False

@@ -5,7 +5,7 @@ are in it too. When it is complete, it is checked, synchronised with the disk an
 target. Then the folder is removed. The files of an `output_group` are renamed together at its end.
 
 A process that is killed leaves its private folders. The next process on the same computer that
-writes a file beside them removes them.
+writes a file beside them removes them, unless the computer was started anew in between.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from pathlib import Path
 from typing import Literal
 
 from usdsplat.core import interrupt
-from usdsplat.core.errors import OutputError, UsdSplatError
+from usdsplat.core.errors import EarlierFilesError, OutputError, UsdSplatError
 from usdsplat.core.renames import EARLIER, EXPECTED, Move, put_in_place, sync
 
 Existing = Literal["error", "resume", "replace"]
@@ -42,7 +42,6 @@ _PREFIX = ".usdsplat-"
 _PRIVATE = re.compile(re.escape(_PREFIX) + r"([0-9a-f]{8})-([0-9]{1,9})-[0-9a-f]{8}")
 _NO_ROOM = {errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG, errno.EIO}
 """Errors of a write, which have no file name."""
-_open: dict[Path, None] = {}
 _searched: set[Path] = set()
 """Folders that were searched for what killed processes left."""
 
@@ -175,9 +174,8 @@ class OutputGroup:
             with suppress(OSError):  # the new files are complete without the removal
                 path.unlink()
 
-    def close(self) -> None:
-        """Remove everything temporary."""
-        self.stack.close()
+    def remove_made(self) -> None:
+        """Remove the folders that were made, if the group failed."""
         for folder in reversed(self._made):
             with suppress(OSError):  # somebody else's files are in it
                 folder.rmdir()
@@ -204,16 +202,12 @@ def output_group() -> Iterator[OutputGroup]:
     group = OutputGroup()
     token = _GROUP.set(group)
     try:
-        yield group
-        group.finish()
+        with group.stack:  # which has to know the error, see `_private_folder`
+            yield group
+            group.finish()
     finally:
         _GROUP.reset(token)
-        group.close()
-
-
-def open_folders() -> tuple[Path, ...]:
-    """Return the private folders of this process that are not removed yet."""
-    return tuple(_open)
+        group.remove_made()
 
 
 def remove_left_folder(folder: Path) -> None:
@@ -239,17 +233,21 @@ def is_private(name: str) -> bool:
 
 @contextmanager
 def _private_folder(folder: Path) -> Iterator[None]:
-    """Make a private folder, and remove it with all its files, also on Ctrl-C."""
+    """Make a private folder, and remove it with all its files, also on Ctrl-C; not if earlier
+    results are left in it."""
     _remove_stale(folder.parent)
+    is_needed = False
     try:
-        _open[folder] = None
         if announce is not None:
             announce(str(folder), True)
         folder.mkdir(mode=0o700)
         yield
+    except EarlierFilesError as error:
+        is_needed = folder in error.folders
+        raise
     finally:
-        shutil.rmtree(folder, ignore_errors=True)
-        _open.pop(folder, None)
+        if not is_needed:
+            shutil.rmtree(folder, ignore_errors=True)
         if announce is not None:
             announce(str(folder), False)
 
@@ -283,11 +281,15 @@ def _plain_name(name: str) -> str:
 
 @functools.cache
 def _computer() -> str:
-    """Return 8 hexadecimal digits for this computer and its numbering of processes, which a
-    container has of its own."""
+    """Return 8 hexadecimal digits for this computer since it was started, and its numbering of
+    processes, which a container has of its own.
+
+    Computers made from one image may share name and machine id; the id of their start differs.
+    """
     parts = [os.uname().nodename if hasattr(os, "uname") else ""]
-    with suppress(OSError):
-        parts.append(Path("/etc/machine-id").read_text(encoding="ascii", errors="replace"))
+    for name in ("/etc/machine-id", "/proc/sys/kernel/random/boot_id"):
+        with suppress(OSError):
+            parts.append(Path(name).read_text(encoding="ascii", errors="replace"))
     with suppress(OSError):
         parts.append(str(os.stat("/proc/self/ns/pid").st_ino))
     return f"{zlib.crc32(chr(0).join(parts).encode(errors='replace')):08x}"

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import errno
 import os
-from contextlib import suppress
+import secrets
 from dataclasses import dataclass
 from pathlib import Path
 
-from usdsplat.core.errors import OutputError
+from usdsplat.core.errors import EarlierFilesError, OutputError
 
 EXPECTED = "a writable place with enough free space"
+_RESCUED = "usdsplat-earlier-"
+"""Start of the name of a folder with earlier results that could not be put back."""
 EARLIER = "earlier"
 """Folder in a private folder that keeps replaced results while a group is renamed."""
 _NO_SYNC = {errno.EINVAL, errno.ENOSYS, errno.ENOTSUP}
@@ -60,6 +62,8 @@ def put_in_place(moves: list[Move]) -> None:
 
     Raises:
         OutputError: If one cannot be renamed.
+        EarlierFilesError: If an earlier result cannot be put back either; the message says in which
+            folder it is kept.
     """
     kept: list[Move] = []
     target = ""
@@ -71,14 +75,41 @@ def put_in_place(moves: list[Move]) -> None:
                 move.keep_earlier()
             os.replace(move.made, move.final)
     except BaseException as error:
-        for move in reversed(kept):
-            with suppress(OSError):
-                move.undo()
-        if not isinstance(error, OSError):
+        places = _undo(kept)
+        if not (places or isinstance(error, OSError)):
             raise
-        raise OutputError(target, error.strerror or str(error), EXPECTED) from error
+        found = (isinstance(error, OSError) and error.strerror) or str(error) or "an interruption"
+        if places:
+            names = " and ".join(map(str, places))
+            found += f"; earlier files that could not be put back are in {names}"
+            folders = {place.parent for place in places}  # those of other places are not private
+            raise EarlierFilesError(target, found, EXPECTED, folders) from error
+        raise OutputError(target, found, EXPECTED) from error
     for folder, target in {move.final.parent: move.target for move in moves}.items():
         _sync_folder(folder, target)
+
+
+def _undo(kept: list[Move]) -> list[Path]:
+    """Undo renames, and return the folders of the earlier results that could not be put back."""
+    left: dict[Path, Path] = {}
+    for move in reversed(kept):
+        try:
+            move.undo()
+        except OSError:
+            if os.path.lexists(move.kept):
+                left[move.kept.parent] = move.final.parent
+    return [_rescued(folder, beside) for folder, beside in left.items()]
+
+
+def _rescued(folder: Path, beside: Path) -> Path:
+    """Move a folder of earlier results out of its private folder, which is about to be removed;
+    return its path, which is the same if that fails."""
+    place = beside / f"{_RESCUED}{secrets.token_hex(4)}"
+    try:
+        os.replace(folder, place)
+    except OSError:
+        return folder
+    return place
 
 
 def sync(path: Path) -> None:

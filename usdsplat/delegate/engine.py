@@ -26,13 +26,13 @@ from usdsplat.delegate.stage_info import StageInfo
 from usdsplat.delegate.time_sampler import other_times
 from usdsplat.render.band import Band
 from usdsplat.render.cost import Work
+from usdsplat.render.deep_samples import DeepSamples
 from usdsplat.render.frame_stats import FrameStats
 from usdsplat.render.memory import COLOR_ALONE, Estimate, PictureRequest, estimate
 from usdsplat.render.renderer import BAND_PIXELS, ReadHoldout, TimeSampler, depends_on_time
 from usdsplat.render.scene import RenderScene
 from usdsplat.render.settings import RenderSettings
 from usdsplat.render.specs import CameraSpec, Framing, View
-from usdsplat.render.tile_lists import DeepSamples
 
 PURPOSES = ("default", "render")
 
@@ -277,6 +277,7 @@ class Engine:
         self,
         view: View,
         settings: RenderSettings | None = None,
+        aovs: tuple[str, ...] = (),
         *,
         holdout: ReadHoldout | None = None,
         band_pixels: int = BAND_PIXELS,
@@ -284,14 +285,16 @@ class Engine:
         """Return all contributions to every pixel, in strips of a band: (y0, y1, samples).
 
         Colours are premultiplied, linear, in the working space; sorted by zDepth or rayHitDistance.
-        Arguments are those of `render`.
+        `aovs` are ids, names in `deep_samples.DEEP_IDS`. Other arguments are those of `render`.
 
         Raises:
-            UsageError: If splats are sorted by another key.
+            UsageError: If splats are sorted by another key, or a row has too many samples.
         """
         self.sync()
+        how = self._resolved(settings)
+        sampler = self._times(view, how, ())
         return self._drawer.renderer.render_deep(
-            self._param.scene, view, self._resolved(settings), holdout=holdout,
+            self._param.scene, view, how, aovs, sampler=sampler, holdout=holdout,
             band_pixels=band_pixels,
         )  # fmt: skip
 
@@ -365,13 +368,10 @@ class Engine:
         if not depends_on_time(how, view.camera, aovs):
             return None
         return other_times(
-            self._param.scene,
-            view,
-            frame=self.time,
+            self._param.scene, view, frame=self.time, go=self._go,
             spec=getattr(self._index.cameras.get(view.camera.path), "spec", None),
-            go=self._go,
             camera=lambda: self._camera(view.camera.path, view.framing),
-        )
+        )  # fmt: skip
 
     def _go(self, time: float) -> None:
         self.set_time(time)

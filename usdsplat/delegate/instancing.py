@@ -51,6 +51,10 @@ class Placement:
     """Path of the prim, inside its native instance if it has one."""
     links: tuple[Link, ...] = ()
     """Outermost first."""
+    asset: str = ""
+    """See `InstanceSpec.asset`."""
+    material: str = ""
+    """See `InstanceSpec.material`."""
 
 
 class Scatter(Protocol):
@@ -92,7 +96,15 @@ def expand(
         finite = np.isfinite(matrices).all(axis=(1, 2))
         numbers = matrices[finite].reshape(-1, 16).tolist()
         for index, row in zip((indices[finite] + offset).tolist(), numbers, strict=True):
-            seen.append(InstanceSpec(path=placement.path, index=index, transform=tuple(row)))
+            seen.append(
+                InstanceSpec(
+                    path=placement.path,
+                    index=index,
+                    transform=tuple(row),
+                    asset=placement.asset,
+                    material=placement.material,
+                )
+            )
     return tuple(seen)
 
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
 
 from usdsplat.core.findings import Finding
+from usdsplat.images.layout import Entry, PixelType
 from usdsplat.render.settings import RenderSettings
 from usdsplat.render.specs import Framing
 
@@ -26,13 +26,15 @@ class ProductSpec:
     settings: RenderSettings
     aovs: tuple[str, ...] = ("color",)
     """Our AOV names, in the order of `orderedVars`."""
-    pixel_type: Literal["", "half", "float"] = ""
-    """Pixel type by the `dataType` of its colour vars, the more precise one if they differ; empty
-    if none is authored."""
+    pixel_types: tuple[tuple[str, PixelType], ...] = ()
+    """Pairs (AOV, pixel type), for each AOV of which a RenderVar authors a type. If two vars of an
+    AOV differ, the type is float. The name "alpha" stands for vars that request only alpha."""
     purposes: tuple[str, ...] = ("default", "render")
     """`includedPurposes`."""
     matte: tuple[tuple[str, bool], ...] = ()
     """Holdout prims, in the form of `View.matte`."""
+    metadata: tuple[tuple[str, Entry], ...] = ()
+    """Header entries that the prim adds."""
     findings: tuple[Finding, ...] = ()
     """Requests of the prims that are not fulfilled."""
 

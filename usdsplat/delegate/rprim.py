@@ -35,6 +35,11 @@ class Rprim(Prim):
         self._resident = False
         self._shown = False
 
+    @property
+    def is_wanted(self) -> bool:
+        """Whether an appearance is neither hidden nor of another purpose, wherever it is."""
+        return any(self._visible)
+
     def sync(self, scene: SceneDelegate, param: RenderParam, bits: DirtyBits) -> DirtyBits:
         """Pull what `bits` marks and edit the render scene; `bits` is as in `Prim.sync`."""
         if bits & DirtyBits.INSTANCE_INDEX:

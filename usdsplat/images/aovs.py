@@ -7,10 +7,11 @@ is written to the file's header.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from usdsplat.core.errors import UsageError
+from usdsplat.images import cryptomatte
 
 _EMPTY = "; inf in empty pixels"
 """End of the meaning of every depth."""
@@ -33,6 +34,20 @@ class Aov:
     """Meaning in one sentence, for the file's header."""
 
     @property
+    def is_cryptomatte(self) -> bool:
+        """Whether it is a layer of Cryptomatte."""
+        return self.name in cryptomatte.LAYERS
+
+    def with_rank(self, rank: int) -> Aov:
+        """Return the AOV with the channels for `rank` pairs of id and coverage.
+
+        Only layers of Cryptomatte have such pairs.
+        """
+        if not self.is_cryptomatte:
+            return self
+        return replace(self, channels=cryptomatte.channels(self.name, rank))
+
+    @property
     def is_depth(self) -> bool:
         """Whether empty pixels are inf."""
         return self.meaning.endswith(_EMPTY)
@@ -40,6 +55,18 @@ class Aov:
     def meaning_with(self, empty_depth: float) -> str:
         """Return the meaning in a file in which empty pixels have this depth."""
         return self.meaning.replace(_EMPTY, f"; {empty_depth:g} in empty pixels")
+
+
+def _cryptomatte(layer: str, what: str) -> Aov:
+    """Return the AOV of a layer of Cryptomatte with the default number of ranks."""
+    return Aov(
+        name=layer,
+        hydra=layer,
+        channels=cryptomatte.channels(layer, cryptomatte.RANK),
+        kind="data",
+        meaning=f"Cryptomatte of {what}: hash and coverage of those with the largest coverage of "
+        "the pixel, in descending order",
+    )
 
 
 _ALL = (
@@ -113,13 +140,14 @@ _ALL = (
         meaning="motion of the splat or surface at Z since the previous frame, in pixels; u right, "
         "v up; 0 in empty pixels",
     ),
-    Aov(
-        name="cryptoObject",
-        hydra="cryptoObject",
-        channels=tuple(f"cryptoObject{rank:02}.{c}" for rank in range(3) for c in "RGBA"),
-        kind="data",
-        meaning="Cryptomatte of prim paths: hash and coverage of the six prims with the largest "
-        "coverage of the pixel, in descending order",
+    _cryptomatte("cryptoObject", "prims, named by path"),
+    _cryptomatte(
+        "cryptoAsset",
+        "assets, named by path: the nearest component model at or above a prim, else the nearest "
+        "prim with assetInfo, else the root prim",
+    ),
+    _cryptomatte(
+        "cryptoMaterial", "bound materials, named by path; default where no material is bound"
     ),
     Aov(
         name="id",

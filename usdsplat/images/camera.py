@@ -5,7 +5,8 @@ left-handed (x right, y up, z in viewing direction). Its normalised device coord
 (0, 0) at the top left of the display window to (1, 1) at the bottom right, after the division by w.
 
 Nuke's camera looks down -z. Scripts that make one of a header transpose worldToCamera, scale z by
--1 and invert. Nuke's focal length and apertures are pinholeFocalLength and sensorOverallDimensions.
+-1 and invert. Nuke's focal length and apertures are pinholeFocalLength and sensorOverallDimensions,
+and its win_translate, in halves of the width, is 2 screenWindowCenter / screenWindowWidth.
 
 Source: OpenEXR's standard attributes worldToCamera, worldToNDC, screenWindowCenter and -Width,
 pinholeFocalLength, sensorOverallDimensions, aperture and focus.
@@ -20,6 +21,9 @@ import numpy as np
 
 from usdsplat.core.cloud import F64
 from usdsplat.images.layout import Entry, Metadata
+
+USUAL_FOCAL_LENGTH = 50.0
+"""Focal length of a camera that has a field of view but no lens, USD's default [mm]."""
 
 
 def camera_metadata(
@@ -42,6 +46,7 @@ def camera_metadata(
     entries: dict[str, Entry] = {
         "worldToCamera": _row_vectors(np.diag([1.0, 1.0, -1.0, 1.0]) @ camera),
         "worldToNDC": _row_vectors(_to_ndc(window, orthographic) @ camera),
+        "usdsplat:projection": "orthographic" if orthographic else "perspective",
     }
     if not orthographic:
         entries["screenWindowCenter"] = ((left + right) / 2, (bottom + top) / 2)
@@ -57,26 +62,26 @@ def lens_metadata(
     focus_distance: float,
     meters_per_unit: float,
 ) -> Metadata:
-    """Return the entries on lens and film back; none for a camera without a focal length.
+    """Return the entries on the lens and film back of a perspective camera.
 
     Args:
         window: As for `camera_metadata`. The film back is the part of it that the picture shows.
-        focal_length: Focal length [scene unit].
+        focal_length: Focal length [scene unit]; 0 for a camera that has none. The entries then
+            describe its field of view for `USUAL_FOCAL_LENGTH`.
         lens_radius: Radius of the entrance pupil [scene unit]; 0 for a pinhole.
         focus_distance: Planar depth in focus [scene unit]; 0 if there is none.
         meters_per_unit: Length of a scene unit [m].
     """
-    if not (focal_length > 0 and 0 < meters_per_unit < math.inf):
-        return {}
     left, bottom, right, top = window
-    millimetres = 1000.0 * meters_per_unit * focal_length
+    has_lens = focal_length > 0 and 0 < meters_per_unit < math.inf
+    millimetres = 1000.0 * meters_per_unit * focal_length if has_lens else USUAL_FOCAL_LENGTH
     entries: dict[str, Entry] = {
         "pinholeFocalLength": millimetres,
         "sensorOverallDimensions": (millimetres * (right - left), millimetres * (top - bottom)),
     }
-    if lens_radius > 0:
+    if has_lens and lens_radius > 0:
         entries["aperture"] = focal_length / (2.0 * lens_radius)
-    if focus_distance > 0:
+    if has_lens and focus_distance > 0:
         entries["focus"] = meters_per_unit * focus_distance
     return entries
 

@@ -10,7 +10,7 @@ from usdsplat.core.errors import UsageError
 FLAT_COMPRESSIONS = ("none", "rle", "zips", "zip", "piz", "dwaa", "dwab")
 DEEP_COMPRESSIONS = ("none", "zips")
 LOSSY = ("dwaa", "dwab")
-LEVELS = {**dict.fromkeys(("zips", "zip"), (1, 9)), **dict.fromkeys(LOSSY, (0, 100_000))}
+LEVELS = {**dict.fromkeys(("zips", "zip"), (1, 9)), **dict.fromkeys(LOSSY, (1, 100_000))}
 """Compression -> lowest and highest level. Higher levels of zip are slower; of dwa, lossier."""
 
 
@@ -53,6 +53,7 @@ class Compression:
         low, high = (0, -1) if deep else LEVELS.get(name, (0, -1))
         is_number = re.fullmatch(r"\d{1,6}", level) is not None
         if not is_number or not low <= int(level) <= high:
-            expected = f"a level from {low} to {high}" if low <= high else f"{name} without a level"
+            whole = f"a whole number from {low} to {high} as level of {name}"
+            expected = whole if low <= high else f"{name} without a level"
             raise UsageError(where, f"compression {text!r}", expected)
         return cls(name, int(level))

@@ -1,8 +1,8 @@
 """Cryptomatte: object hashes and header entries of `crypto…` AOVs.
 
-A pixel holds pairs of a prim's id and the fraction of the pixel that it covers. The id is a hash of
-the prim's path, stored bit for bit in a float32 channel. Its bits must therefore be those of a
-normal number: one bit of a hash that would be denormal, infinite or NaN is flipped.
+A pixel holds pairs of an id and the fraction of the pixel that it covers. The id is a hash of a
+name, such as a prim's path, stored bit for bit in a float32 channel. Its bits must therefore be
+those of a normal number: one bit of a hash that would be denormal, infinite or NaN is flipped.
 
 Source: Cryptomatte specification 1.2 (Friedman, Jones; Psyop 2015-2018). MurmurHash3_x86_32 from
 Appleby's description of the algorithm (2011).
@@ -16,13 +16,28 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from usdsplat.images.layout import Metadata
-
+LAYERS = ("cryptoObject", "cryptoAsset", "cryptoMaterial")
+"""Layers of Cryptomatte, which are AOVs."""
+RANK = 6
+"""Default number of pairs of id and coverage in a pixel."""
 HASH = "MurmurHash3_32"
 CONVERSION = "uint32_to_float32"
 
 _ALL = 0xFFFFFFFF
 _ONE, _TWO = 0xCC9E2D51, 0x1B873593
+
+
+def rank_pairs(rank: int) -> int:
+    """Return the number of RGBA groups of channels for `rank` pairs of id and coverage.
+
+    Each group holds two pairs, so an odd number is rounded up.
+    """
+    return (rank + 1) // 2
+
+
+def channels(layer: str, rank: int) -> tuple[str, ...]:
+    """Return the channels of a layer: `layer00.R`, id and coverage alternating."""
+    return tuple(f"{layer}{pair:02}.{c}" for pair in range(rank_pairs(rank)) for c in "RGBA")
 
 
 def object_hash(name: str) -> np.float32:
@@ -37,14 +52,20 @@ def hash_bits(name: str) -> int:
     return bits ^ 1 << 23 if exponent in (0, 0xFF) else bits
 
 
-def metadata(layer: str, names: Iterable[str]) -> Metadata:
+def prefix_of(layer: str) -> str:
+    """Return the start of a layer's header entries: its key is the first seven digits of its
+    hash."""
+    return f"cryptomatte/{hash_bits(layer):08x}"[:-1]
+
+
+def metadata(layer: str, names: Iterable[str]) -> dict[str, str]:
     """Return the entries for `ImageLayout.metadata`.
 
     Args:
         layer: Name of the AOV, such as "cryptoObject".
         names: Names of all objects that may be in the picture, each once.
     """
-    prefix = f"cryptomatte/{hash_bits(layer):08x}"[:-1]
+    prefix = prefix_of(layer)
     manifest = {name: f"{hash_bits(name):08x}" for name in names}
     return {
         f"{prefix}/name": layer,

@@ -1,7 +1,8 @@
 """Write deep EXR files band by band.
 
-A file has one scanline part with channels R G B A Z, and ZBack if samples may be merged. Each row
-is compressed separately and written at once, so memory holds one band.
+A file has one scanline part with channels R G B A Z, ZBack if samples may be merged, and those of
+ids and Cryptomattes, see `deep_aovs`. Each row is compressed separately and written at once, so
+memory holds one band.
 
 This module writes the bytes itself, because that is the fastest way by far (`benchmarks/deep.py`):
 1920x1080 with 15 samples a pixel on two busy cores take 1 s uncompressed and 8 s with zips. The
@@ -15,12 +16,13 @@ Source: OpenEXR's "File Layout" and "Interpreting OpenEXR Deep Pixels".
 from __future__ import annotations
 
 import struct
+from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -33,6 +35,7 @@ from usdsplat.core.output import output_file
 from usdsplat.images import thread_count
 from usdsplat.images.color import color_space
 from usdsplat.images.compression import Compression
+from usdsplat.images.deep_aovs import id_channels, meanings
 from usdsplat.images.exr_bytes import (
     DEEP,
     NONE,
@@ -49,11 +52,6 @@ from usdsplat.images.whole_exr import is_whole_exr
 from usdsplat.images.writer import ROWS
 
 CODES_OF = {"none": NONE, "zips": ZIPS}
-MEANINGS = {
-    "usdsplat:aov:color": "premultiplied linear radiance of one sample in the space of "
-    "colorInteropID; A = its opacity",
-    "usdsplat:aov:Z": "planar camera depth of the sample",
-}
 MERGED_MEANINGS = {"usdsplat:aov:ZBack": "planar camera depth at which a merged sample ends"}
 
 
@@ -69,6 +67,8 @@ class DeepBand:
     """Far end of a sample [scene unit], shape (n,); equals `depth` if it is not merged."""
     color: F32
     """Premultiplied linear RGBA, shape (n, 4)."""
+    ids: Mapping[str, npt.NDArray[Any]] = field(default_factory=dict)
+    """Values of the channels that `deep_aovs.id_channels` names, shape (n,) each."""
 
 
 class DeepWriter:
@@ -77,7 +77,8 @@ class DeepWriter:
     Args:
         path: The file; it appears when the context ends without an error.
         layout: Size, compression (none or zips) and metadata; `pixel_type` half (default) or float
-            applies to R, G, B and A, and `aovs` is ignored. Its colour space must be linear.
+            applies to R, G, B and A. Its `aovs` are of `deep_aovs.DEEP_AOVS`, its colour space must
+            be linear.
         merged: Whether samples may have an extent in depth, which adds ZBack.
 
     Raises:
@@ -100,6 +101,7 @@ class DeepWriter:
         self._path = Path(path)
         self._layout = layout
         self._merged = merged
+        self._ids = id_channels(layout.aovs)
         self._compression = compression.name
         self._color = np.dtype("<f4" if layout.pixel_type == "float" else "<f2")
         self._next_row = layout.window[1]
@@ -174,9 +176,10 @@ class DeepWriter:
             "depth_back": f"float32{(n,)}",
             "color": f"float32{(n, 4)}",
         }
+        expected |= {name: f"{dtype}{(n,)}" for name, dtype in self._ids.items()}
         for name, shape in expected.items():
-            array = getattr(band, name)
-            found = f"{array.dtype}{array.shape}"
+            array = band.ids.get(name) if name in self._ids else getattr(band, name)
+            found = "nothing" if array is None else f"{array.dtype}{array.shape}"
             if found != shape:
                 raise ValueError(f"band {y0} {name}: found {found}, expected {shape}")
         total = int(band.counts.sum(dtype=np.int64))
@@ -198,10 +201,12 @@ class DeepWriter:
         color = band.color[part]
         if self._color.itemsize == 2:
             color = np.clip(color, -HALF_MAX, HALF_MAX)
-        # Channels are in alphabetical order: A B G R Z ZBack.
+        # Channels are in alphabetical order: A B G R Z ZBack, then ids, whose names are lower case.
         pieces = [color.T[::-1].astype(self._color, order="C"), depth.astype("<f4", copy=False)]
         if self._merged:
             pieces.append(band.depth_back[part].astype("<f4", copy=False))
+        for name, dtype in self._ids.items():
+            pieces.append(np.ascontiguousarray(band.ids[name][part], dtype))
         table, samples = ends.tobytes(), b"".join(piece.data for piece in pieces)
         packed_table, packed_samples = table, samples
         if self._compression == "zips":
@@ -213,6 +218,7 @@ class DeepWriter:
         layout = self._layout
         channels = dict.fromkeys("ABGR", self._color)
         channels |= dict.fromkeys(("Z", "ZBack")[: 1 + self._merged], np.dtype("<f4"))
+        channels |= self._ids
         space = color_space(layout.color_space)
         labels: dict[str, Entry] = {
             "screenWindowCenter": (0.0, 0.0),
@@ -220,7 +226,7 @@ class DeepWriter:
             "pixelAspectRatio": float(layout.pixel_aspect_ratio),
             "colorInteropID": "data" if space.chromaticities is None else layout.color_space,
             "Software": f"usdsplat {usdsplat.__version__}",
-            **MEANINGS,
+            **meanings(layout.aovs),
             **(MERGED_MEANINGS if self._merged else {}),
             **layout.metadata,
         }

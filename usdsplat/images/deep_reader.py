@@ -146,6 +146,22 @@ class DeepFile:
             name: np.concatenate([line.values[name] for line in lines]) for name in names
         }
 
+    @property
+    def band_rows(self) -> int:
+        """Number of rows of a tile; 1 in a scanline file."""
+        return self._tile[1]
+
+    def samples_by_band(self) -> list[int]:
+        """Return the number of samples in each row of tiles, as the chunks' headers state it.
+
+        Raises:
+            FormatError: If the file is damaged.
+        """
+        sample = sum(dtype.itemsize for dtype in self._channels.values())
+        columns = range(self._across)
+        bands = range(-(-(self.window[3] - self.window[1]) // self._tile[1]))
+        return [sum(self._sizes(column, band)[2] // sample for column in columns) for band in bands]
+
     def _read_header(self) -> None:
         where = self._where
         self._size = self._file.seek(0, 2)
@@ -181,20 +197,29 @@ class DeepFile:
                 raise FormatError(where, f"{chunks} chunks", f"{count} for its data window")
         self._chunks = struct.unpack_from(f"<{count}Q", table)
 
+    def _sizes(self, column: int, band: int) -> tuple[int, ...]:
+        """Return the sizes of a chunk's table, of its samples, and of these decompressed [byte].
+
+        The file is then at its table.
+        """
+        where, file = self._where, self._file
+        file.seek(min(self._chunks[band * self._across + column], self._size))
+        row = self.window[1] + band
+        expected: tuple[int, ...] = (column, band, 0, 0) if self._is_tiled else (row,)
+        if self._has_numbers:
+            expected = (self._part, *expected)
+        place = f"<{len(expected)}i"
+        if struct.unpack(place, read_exactly(file, 4 * len(expected), where)) != expected:
+            raise FormatError(where, "a chunk with wrong coordinates", "a complete EXR file")
+        return struct.unpack("<QQQ", read_exactly(file, 24, where))
+
     def _chunk(self, column: int, band: int) -> _Chunk:
         """Read a tile; a row of a scanline file is a tile of the window's width."""
         where, file = self._where, self._file
         x0, y0, x1, y1 = self.window
         width = min(self._tile[0], x1 - x0 - column * self._tile[0])
         height = min(self._tile[1], y1 - y0 - band * self._tile[1])
-        file.seek(min(self._chunks[band * self._across + column], self._size))
-        expected: tuple[int, ...] = (column, band, 0, 0) if self._is_tiled else (y0 + band,)
-        if self._has_numbers:
-            expected = (self._part, *expected)
-        place = f"<{len(expected)}i"
-        if struct.unpack(place, read_exactly(file, 4 * len(expected), where)) != expected:
-            raise FormatError(where, "a chunk with wrong coordinates", "a complete EXR file")
-        table_size, packed_size, size = struct.unpack("<QQQ", read_exactly(file, 24, where))
+        table_size, packed_size, size = self._sizes(column, band)
         table = read_exactly(file, table_size, where)
         return _Chunk((height, width), table, read_exactly(file, packed_size, where), size)
 

@@ -33,6 +33,7 @@ import OpenImageIO as oiio
 import usdsplat
 from usdsplat.core.encoding import HALF_MAX
 from usdsplat.core.errors import OutputError, UsageError
+from usdsplat.images import cryptomatte
 from usdsplat.images.aovs import Aov, find_aovs
 from usdsplat.images.color import color_space
 from usdsplat.images.compression import Compression
@@ -53,6 +54,7 @@ SHARED = (
     "worldToNDC",
     "screenWindowCenter",
     "screenWindowWidth",
+    "usdsplat:projection",
     "pinholeFocalLength",
     "sensorOverallDimensions",
     "framesPerSecond",
@@ -93,7 +95,8 @@ class ExrWriter(ImageWriter):
         compression = Compression.parse(layout.compression or DEFAULT, where=str(path))
         if layout.pixel_type not in (None, "half", "float"):
             raise UsageError(str(path), f"{layout.pixel_type} pixels", "half or float in an EXR")
-        aovs = find_aovs(layout.aovs, where=str(path))
+        found = find_aovs(layout.aovs, where=str(path))
+        aovs = tuple(aov.with_rank(layout.crypto_rank) for aov in found)
         self._parts = _parts(aovs, layout, compression)
         self._waiting: list[IO[bytes]] = []
         self._tile_rows: list[Pixels] = []
@@ -126,8 +129,10 @@ class ExrWriter(ImageWriter):
         with the layout's depth in empty pixels."""
         if aov.is_depth and self._layout.empty_depth != math.inf:
             return np.where(np.isposinf(values), np.float32(self._layout.empty_depth), values)
-        is_half = _type_of(aov, self._layout) == "half"
-        return np.clip(values, -HALF_MAX, HALF_MAX) if is_half else values
+        if _type_of(aov, self._layout) != "half":
+            return values
+        found = np.clip(values, -HALF_MAX, HALF_MAX)
+        return found if aov.kind == "color" else np.where(np.isfinite(values), found, values)
 
     def _write_rows(self, y0: int, pixels: Pixels) -> None:
         """Append rows to the open part: at once, or in whole rows of tiles."""
@@ -216,7 +221,7 @@ def _side_by_side(arrays: list[Pixels]) -> Pixels:
 def _spec(layout: ImageLayout, part: _Part) -> oiio.ImageSpec:
     """Return the header entries and channels of a part."""
     rows, columns = layout.shape
-    types = tuple(_type_of(aov, layout) for aov in part.aovs for _ in aov.channels)
+    types = tuple(_type_of(aov, layout, name) for aov in part.aovs for name in aov.channels)
     spec = oiio.ImageSpec(columns, rows, len(types), types[0])
     spec.channelformats = types
     spec.channelnames = tuple(name for aov in part.aovs for name in aov.channels)
@@ -250,10 +255,13 @@ def _label(specs: tuple[oiio.ImageSpec, ...], parts: tuple[_Part, ...], entries:
             spec.attribute("DateTime", "")  # else OpenImageIO writes the time of now
     _attach(specs[0], entries)
     for spec, part in zip(specs[1:], parts[1:], strict=True):
-        shared = set(SHARED)
-        if any(map(_must_be_exact, part.aovs)):
-            shared.update(key for key in entries if key.startswith("cryptomatte/"))
-        _attach(spec, {key: value for key, value in entries.items() if key in shared})
+        layers = tuple(
+            f"{cryptomatte.prefix_of(aov.name)}/" for aov in part.aovs if aov.is_cryptomatte
+        )
+        shared = {
+            key: value for key, value in entries.items() if key in SHARED or key.startswith(layers)
+        }
+        _attach(spec, shared)
 
 
 def _attach(spec: oiio.ImageSpec, metadata: Metadata) -> None:
@@ -270,8 +278,12 @@ def _attach(spec: oiio.ImageSpec, metadata: Metadata) -> None:
             spec.attribute(key, value)
 
 
-def _type_of(aov: Aov, layout: ImageLayout) -> str:
+def _type_of(aov: Aov, layout: ImageLayout, channel: str = "") -> str:
     """Return the type of a channel; "uint", because OpenImageIO silently makes half of "uint32"."""
     if aov.kind == "color":
-        return layout.pixel_type or "half"
-    return "uint" if aov.kind == "id" else "float"
+        usual = layout.pixel_type or "half"
+        return layout.pixel_types.get("alpha" if channel == "A" else aov.name, usual)
+    if aov.kind == "id":
+        return "uint"
+    is_coded = aov.name.startswith("crypto")  # ids as bits of floating-point numbers
+    return "float" if is_coded else layout.pixel_types.get(aov.name, "float")

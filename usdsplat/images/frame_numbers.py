@@ -3,7 +3,7 @@
 A range is one or more pieces separated by commas: `7`, `1-10` or `1:10` (both ends included), and
 with a step, `1-10x2`. A range may be descending and a step fractional: `10-1`, `1-2x0.25`. A file
 name has a placeholder for the number, `####` or `%04d`; a fractional frame needs one with a
-fraction, `####.##`.
+fraction, `####.##`. Its folders may have Houdini's, `$F4` or `<F4>`; hashes in them are letters.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from usdsplat.core.errors import UsageError
 
 _NUMBER = r"([-+]?\d+(?:\.\d+)?)"
 _PIECE = re.compile(rf"{_NUMBER}(?:[-:]{_NUMBER}(?:x{_NUMBER})?)?")
-_PLACE = re.compile(
-    r"(?P<hashes>##+)(?:\.(?P<decimals>#+))?"
-    r"|%(?:0(?P<printf>\d\d?))?d"
-    r"|\$(?:F(?P<dollar>\d?)(?![A-Za-z\d])|\{F(?P<braces>\d?)\}|(?P<real>FF)(?![A-Za-z\d]))"
+_HOUDINI = (
+    r"\$(?:F(?P<dollar>\d?)(?![A-Za-z\d])|\{F(?P<braces>\d?)\}|(?P<real>FF)(?![A-Za-z\d]))"
     r"|<(?:[Ff](?P<angles>\d?)|(?P<husk>FF))>"
 )
+_PLACE = re.compile(r"(?P<hashes>##+)(?:\.(?P<decimals>#+))?|%(?:0(?P<printf>\d\d?))?d|" + _HOUDINI)
+_FOLDER = re.compile(_HOUDINI)
 
 LIMIT = 1_000_000
 """Maximum number of frames in a request; more are assumed to be a mistake."""
@@ -68,7 +68,7 @@ class _Place:
 
 
 def has_place(pattern: str | Path) -> bool:
-    """Return whether the name has a placeholder for a frame number."""
+    """Return whether the name of the file has a placeholder for a frame number."""
     return _PLACE.search(Path(pattern).name) is not None
 
 
@@ -76,21 +76,14 @@ def frame_path(pattern: str | Path, frame: float) -> Path:
     """Return `pattern` with the frame number inserted; unchanged without a placeholder.
 
     Raises:
-        UsageError: If there are several placeholders, or a fractional frame does not fit.
+        UsageError: If a part of the path has several placeholders, or a fractional frame does not
+            fit.
     """
     path = Path(pattern)
-    places = _places(path)
-    if len(places) > 1:
-        raise UsageError(
-            str(pattern), f"{len(places)} placeholders", "one placeholder for the frame number"
-        )
-    if not places:
+    if not path.name:
         return path
-    place = places[0]
-    if place.decimals == 0 and frame != int(frame):
-        expected = "room for its fraction, such as ####.## or $FF"
-        raise UsageError(str(pattern), f"frame {frame:g}", expected)
-    return path.with_name(path.name[: place.start] + place.number(frame) + path.name[place.end :])
+    folders = (_numbered(part, frame, str(pattern), _FOLDER) for part in path.parts[:-1])
+    return Path(*folders, _numbered(path.name, frame, str(pattern), _PLACE))
 
 
 def frame_paths(pattern: str | Path, frames: Sequence[float]) -> tuple[Path, ...]:
@@ -121,7 +114,9 @@ class FileName:
     @property
     def is_sequence(self) -> bool:
         """Whether frames differ in their names."""
-        return len({pattern for _, pattern in self.samples}) > 1 or has_place(str(self))
+        first = Path(str(self))
+        in_folder = any(map(_FOLDER.search, first.parts[:-1]))
+        return len({pattern for _, pattern in self.samples}) > 1 or has_place(first) or in_folder
 
     def at(self, frame: float) -> Path:
         """Return the path of a frame.
@@ -147,11 +142,14 @@ def frames_found(pattern: str | Path) -> dict[float, Path]:
     Only names that `frame_path` would return match: `####` does not match `1`, nor `%d` `01`.
 
     Raises:
-        UsageError: If the name has no placeholder, or more than one.
+        UsageError: If the name has no placeholder, or more than one, or a folder has one.
         OSError: If the folder cannot be listed.
     """
     path = Path(pattern)
-    places = _places(path)
+    places = _places(path.name, _PLACE)
+    if any(map(_FOLDER.search, path.parts[:-1])):
+        expected = "a placeholder in the file's name only, to find the files of a sequence"
+        raise UsageError(str(pattern), "a placeholder in a folder", expected)
     if len(places) != 1:
         found = f"{len(places)} placeholders" if places else "no placeholder"
         raise UsageError(str(pattern), found, "one placeholder for the frame number, such as ####")
@@ -179,19 +177,34 @@ def _distinct(pattern: str, paths: tuple[Path, ...]) -> tuple[Path, ...]:
     return paths
 
 
-def _places(path: Path) -> list[_Place]:
-    """Return the placeholders in a file's name."""
-    return [_place(match) for match in _PLACE.finditer(path.name)]
+def _numbered(name: str, frame: float, pattern: str, place_in: re.Pattern[str]) -> str:
+    """Return one part of a path with the frame number inserted; see `frame_path`."""
+    places = _places(name, place_in)
+    if len(places) > 1:
+        expected = "one placeholder for the frame number in each name"
+        raise UsageError(pattern, f"{len(places)} placeholders", expected)
+    if not places:
+        return name
+    place = places[0]
+    if place.decimals == 0 and frame != int(frame):
+        expected = "room for its fraction, such as ####.## or $FF"
+        raise UsageError(pattern, f"frame {frame:g}", expected)
+    return name[: place.start] + place.number(frame) + name[place.end :]
 
 
-def _place(match: re.Match[str]) -> _Place:
-    """Return a placeholder that `_PLACE` has matched."""
-    start, end = match.span()
-    if match["real"] or match["husk"]:
+def _places(name: str, place_in: re.Pattern[str]) -> list[_Place]:
+    """Return the placeholders in the name of a file or a folder."""
+    return [_place(match.groupdict(), match.span()) for match in place_in.finditer(name)]
+
+
+def _place(found: dict[str, str | None], span: tuple[int, int]) -> _Place:
+    """Return a placeholder that `_PLACE` or `_FOLDER` has matched, by the names of the groups."""
+    start, end = span
+    if found["real"] or found["husk"]:
         return _Place(start, end, 0, None)
-    if match["hashes"]:
-        return _Place(start, end, len(match["hashes"]), len(match["decimals"] or ""))
-    digits = match["printf"] or match["dollar"] or match["braces"] or match["angles"]
+    if hashes := found.get("hashes"):
+        return _Place(start, end, len(hashes), len(found.get("decimals") or ""))
+    digits = found.get("printf") or found["dollar"] or found["braces"] or found["angles"]
     return _Place(start, end, int(digits or 0), 0)
 
 

@@ -1,7 +1,7 @@
 """Read pictures of other renderers as holdouts, which hide splats behind them.
 
 A flat picture has one depth per pixel, at which one minus its A passes: pixels at antialiased edges
-hide in part. A deep one has any number of such samples.
+hide in part. A deep one has any number of samples, which attenuate within their extents.
 """
 
 from __future__ import annotations
@@ -16,7 +16,9 @@ import OpenImageIO as oiio
 from usdsplat.core.cloud import F32
 from usdsplat.core.errors import FormatError, UsageError
 from usdsplat.core.readable import readable
-from usdsplat.images.deep_reader import I64, DeepFile
+from usdsplat.images import holdout_nodes
+from usdsplat.images.deep_reader import DeepFile
+from usdsplat.images.holdout_nodes import HoldoutNodes, nodes_of
 
 DEPTHS = ("Z", "depth.Z", "depth")
 """Channels of planar camera depth, in order of preference."""
@@ -24,23 +26,26 @@ DEPTHS = ("Z", "depth.Z", "depth")
 STRIP = 256
 """Number of rows read at a time when a file is searched; a multiple of usual tile sizes."""
 
-DeepRows = tuple[I64, F32, F32]
-"""Offsets of each pixel's samples, (h*w + 1,); planar camera depth of the samples, (n,), near to
-far within a pixel; and the transmittance of each sample together with all in front of it, (n,)
-[0..1]."""
-
 
 class Holdout(ABC):
     """A picture with depth, created by `open_holdout`."""
 
+    nodes: float = 0.0
+    """Mean number of nodes in a pixel of the fullest rows of a deep file; 0 for a flat one."""
+    without_depth: int = 0
+    """Number of pixels of a flat picture with A above 0 that have no finite depth above 0. They
+    hide nothing."""
+
     @abstractmethod
-    def rows(self, x0: int, y0: int, x1: int, y1: int) -> F32 | DeepRows | tuple[F32, DeepRows]:
+    def rows(
+        self, x0: int, y0: int, x1: int, y1: int
+    ) -> F32 | HoldoutNodes | tuple[F32, HoldoutNodes]:
         """Read the holdout in a window of the display window's pixels, ends exclusive.
 
         Returns:
             For a flat picture planar camera depth, shape (y1 - y0, x1 - x0), inf in pixels that do
-            not hide everything; for a deep one its samples, pixels row-major. For a flat picture
-            with pixels that hide in part, both. Pixels outside the file are empty.
+            not hide everything; for a deep one the nodes of its samples, pixels row-major. For a
+            flat picture with pixels that hide in part, both. Pixels outside the file are empty.
 
         Raises:
             FormatError: If the file is damaged.
@@ -52,7 +57,7 @@ def open_holdout(path: Path | str, *, resolution: tuple[int, int]) -> Holdout:
 
     In a flat picture the channel is Z, depth.Z or depth, or that of another layer ("x.Z"). If the
     same part has A, a pixel lets 1 - A through; depths that are not above 0 are ignored.
-    A deep sample with a ZBack acts at the middle of its extent.
+    A deep sample with a ZBack attenuates within its extent, see `holdout_nodes`.
 
     Args:
         path: An EXR file.
@@ -114,9 +119,11 @@ class _Flat(Holdout):
         names = spec.channelnames
         self._depth = names.index(depth)
         self._alpha = names.index("A") if "A" in names else None
-        self._hides_in_part = self._alpha is not None and self._has_edges()
+        self._hides_in_part = False
+        if self._alpha is not None:
+            self._search()
 
-    def rows(self, x0: int, y0: int, x1: int, y1: int) -> F32 | tuple[F32, DeepRows]:
+    def rows(self, x0: int, y0: int, x1: int, y1: int) -> F32 | tuple[F32, HoldoutNodes]:
         depth = np.full((y1 - y0, x1 - x0), np.inf, np.float32)
         alpha = np.ones_like(depth)
         spec = self._spec
@@ -137,18 +144,18 @@ class _Flat(Holdout):
         edges = offsets, depth.ravel()[is_edge], 1 - alpha.ravel()[is_edge]
         return np.where(alpha < 1, np.float32(np.inf), depth), edges
 
-    def _has_edges(self) -> bool:
-        """Return whether a pixel lets a part of the light through."""
+    def _search(self) -> None:
+        """Find out whether a pixel lets a part of the light through, and which lack a depth."""
         spec = self._spec
-        ends = range(spec.y, spec.y + spec.height, STRIP)
-        for top in ends:
-            depth, alpha = self._planes(top, min(top + STRIP, spec.y + spec.height))
-            if (np.isfinite(depth) & (alpha < 1)).any():
-                return True
-        return False
+        for top in range(spec.y, spec.y + spec.height, STRIP):
+            bottom = min(top + STRIP, spec.y + spec.height)
+            depth, alpha = self._planes(top, bottom)
+            is_there = np.isfinite(depth)
+            self._hides_in_part |= bool((is_there & (alpha < 1)).any())
+            self.without_depth += int(np.count_nonzero((alpha > 0) & ~is_there))
 
     def _planes(self, top: int, bottom: int) -> tuple[F32, F32]:
-        """Read depth, inf where nothing is, and opacity of whole rows."""
+        """Read depth, inf where nothing hides, and opacity of whole rows."""
         file = oiio.ImageInput.open(readable(self._where))
         if file is None:
             raise FormatError(
@@ -156,12 +163,10 @@ class _Flat(Holdout):
             )
         try:
             depth = self._channel(file, self._depth, top, bottom)
-            is_there = depth > 0
             alpha = np.ones_like(depth)
             if self._alpha is not None:
-                found = self._channel(file, self._alpha, top, bottom)
-                is_there &= found > 0
-                alpha = np.where(is_there, np.minimum(found, 1), alpha)
+                alpha = np.minimum(self._channel(file, self._alpha, top, bottom), 1)
+            is_there = (depth > 0) & (alpha > 0)
         finally:
             file.close()
         return np.where(is_there, depth, np.float32(np.inf)), alpha
@@ -194,13 +199,25 @@ class _Deep(Holdout):
         self._where = where
         with DeepFile(where) as file:
             self._window = file.window
+            x0, y0, x1, y1 = file.window
+            pixels = (x1 - x0) * min(file.band_rows, y1 - y0)
+            self.nodes = 2 * max(file.samples_by_band()) / pixels
 
-    def rows(self, x0: int, y0: int, x1: int, y1: int) -> DeepRows:
+    def rows(self, x0: int, y0: int, x1: int, y1: int) -> HoldoutNodes:
+        tops = range(y0, y1, holdout_nodes.STRIP)
+        strips = [self._nodes(x0, y, x1, min(y + holdout_nodes.STRIP, y1)) for y in tops]
+        counts = np.concatenate([np.diff(offsets) for offsets, _, _ in strips])
+        offsets = np.zeros(len(counts) + 1, np.int64)
+        np.cumsum(counts, out=offsets[1:])
+        depth, through = (np.concatenate([strip[k] for strip in strips]) for k in (1, 2))
+        return offsets, depth, through
+
+    def _nodes(self, x0: int, y0: int, x1: int, y1: int) -> HoldoutNodes:
         left, top, right, bottom = self._window
         counts = np.zeros((y1 - y0, x1 - x0), np.int64)
         first, last = max(y0, top), min(y1, bottom)
         columns = slice(max(x0, left), max(min(x1, right), max(x0, left)))
-        depth = alpha = np.zeros(0, np.float32)
+        front = back = alpha = np.zeros(0, np.float32)
         if first < last and columns.start < columns.stop:
             with DeepFile(self._where) as file:
                 offsets, values = file.rows(first, last, ("Z", "ZBack", "A"))
@@ -210,37 +227,8 @@ class _Deep(Holdout):
             target = counts[first - y0 : last - y0, columns.start - x0 : columns.stop - x0]
             target[:] = there[is_wanted].reshape(target.shape)
             is_wanted_sample = np.repeat(is_wanted.ravel(), there.ravel())
-            depth = _middle(values)[is_wanted_sample]
-            alpha = values["A"][is_wanted_sample]
+            names = "Z", "ZBack" if "ZBack" in values else "Z", "A"
+            front, back, alpha = (values[name][is_wanted_sample] for name in names)
         starts = np.zeros(counts.size + 1, np.int64)
         np.cumsum(counts, out=starts[1:])
-        return _in_order(starts, depth, alpha)
-
-
-def _middle(values: dict[str, F32]) -> F32:
-    """Return the depths at which samples act: halfway from front to back."""
-    front = values["Z"]
-    if "ZBack" not in values:
-        return front
-    back = np.maximum(values["ZBack"], front)
-    return np.where(np.isfinite(back), front + (back - front) * np.float32(0.5), front)
-
-
-def _in_order(offsets: I64, depth: F32, alpha: F32) -> DeepRows:
-    """Sort each pixel's samples from near to far and accumulate their transmittance."""
-    pixel = np.repeat(np.arange(len(offsets) - 1), np.diff(offsets))
-    falls = (depth[1:] < depth[:-1]) & (pixel[1:] == pixel[:-1])
-    # A sample with NaN depth or opacity has no effect.
-    alpha = np.where(np.isnan(depth) | np.isnan(alpha), 0, np.clip(alpha, 0, 1))
-    if falls.any() or np.isnan(depth).any():  # comparisons with NaN are false
-        order = np.lexsort((depth, pixel))
-        depth, alpha = np.nan_to_num(depth[order], nan=np.inf, posinf=np.inf), alpha[order]
-    passed = (1 - alpha).astype(np.float32)
-    rest = np.flatnonzero(np.diff(offsets) > 1)
-    k = 1
-    while len(rest):
-        at = offsets[rest] + k
-        passed[at] *= passed[at - 1]
-        k += 1
-        rest = rest[offsets[rest] + k < offsets[rest + 1]]
-    return offsets, depth, passed
+        return nodes_of(starts, front, back, alpha)

@@ -3,13 +3,21 @@
 from __future__ import annotations
 
 import json
-import os
 import platform
 from fractions import Fraction
 
+from usdsplat.core.errors import UsageError
+from usdsplat.core.source_date import source_date
 from usdsplat.core.text import shown
 from usdsplat.images.layout import Entry, Metadata
-from usdsplat.images.timecode import Timecode, exact_rate, timecode_of
+from usdsplat.images.timecode import (
+    Timecode,
+    exact_rate,
+    frame_count,
+    frame_of,
+    parse_timecode,
+    timecode_of,
+)
 
 
 def picture_metadata(*, stage: str, frame: float, samples: int, exposure: float) -> Metadata:
@@ -30,7 +38,12 @@ def picture_metadata(*, stage: str, frame: float, samples: int, exposure: float)
 
 
 def time_metadata(
-    *, frame: float, rate: float, per_second: float, shutter: tuple[float, float]
+    *,
+    frame: float,
+    rate: float,
+    per_second: float,
+    shutter: tuple[float, float],
+    offset: int = 0,
 ) -> Metadata:
     """Return the entries on time, in the names and units of OpenEXR's standard attributes.
 
@@ -39,12 +52,14 @@ def time_metadata(
         rate: Frames per second of playback.
         per_second: Time codes per second.
         shutter: Times at which the shutter opens and closes, relative to the frame [time code].
+        offset: Number of frames that time code 0 of the stage is after 00:00:00:00.
     """
     entries: dict[str, Entry] = {}
     exact = exact_rate(rate)
     if exact is not None and per_second > 0:
         entries["framesPerSecond"] = exact
-        counted = timecode_of(frame * rate / per_second, exact)
+        count = frame_count(frame, per_second, exact)
+        counted = None if count is None else timecode_of(count + offset, exact)
         if counted is not None:
             entries["timeCode"] = counted
     opens, closes = shutter
@@ -53,6 +68,29 @@ def time_metadata(
         if per_second > 0:
             entries["expTime"] = (closes - opens) / per_second
     return entries
+
+
+def timecode_offset(start: str, *, first: float, rate: float, per_second: float) -> int:
+    """Return the number of frames that time code 0 of a stage is after 00:00:00:00.
+
+    Args:
+        start: SMPTE time code of the stage's first frame; "" if frame 0 is 00:00:00:00.
+        first: Time code of the stage's first frame.
+        rate, per_second: As for `time_metadata`.
+
+    Raises:
+        UsageError: If `start` is not a time code, or the rate does not have it.
+    """
+    if not start:
+        return 0
+    where = "start_timecode"
+    code, exact = parse_timecode(start, where), exact_rate(rate)
+    count = None if exact is None else frame_count(first, per_second, exact)
+    number = None if exact is None else frame_of(code, exact)
+    if number is None or count is None:
+        found = f"{start} at {rate:g} frames per second"
+        raise UsageError(where, found, "a time code of the stage's framesPerSecond")
+    return number - round(count)
 
 
 def origin_metadata(source: str) -> Metadata:
@@ -72,7 +110,7 @@ def origin_metadata(source: str) -> Metadata:
 
 def is_reproducible() -> bool:
     """Return whether files must be the same in each run: without date and machine."""
-    return bool(os.environ.get("SOURCE_DATE_EPOCH"))
+    return source_date() is not None
 
 
 def as_text(metadata: Metadata) -> dict[str, str]:

@@ -11,6 +11,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
+from usdsplat.images import cryptomatte
 from usdsplat.images.aovs import AOVS
 from usdsplat.images.timecode import Timecode
 
@@ -36,6 +37,9 @@ class ImageLayout:
     """Names in `aovs.AOVS`."""
     pixel_type: PixelType | None = None
     """Type of colour channels; None is the format's default: half in EXR, uint8 in PNG."""
+    pixel_types: Mapping[str, PixelType] = field(default_factory=dict)
+    """AOV, or "alpha" -> type in an EXR that differs: that of alpha from colour's, that of data
+    from float. Ids and Cryptomatte keep theirs."""
     color_space: str = "lin_rec709_scene"
     """Colour space of the colour channels, a name from `color.COLOR_SPACES`."""
     multipart: bool = False
@@ -46,6 +50,8 @@ class ImageLayout:
     """Side of the tiles of a flat EXR [pixel]; 0 for scan lines."""
     empty_depth: float = math.inf
     """Depth of empty pixels in an EXR [scene unit]; arrays have inf there."""
+    crypto_rank: int = cryptomatte.RANK
+    """Number of pairs of id and coverage in each layer of Cryptomatte."""
     metadata: Metadata = field(default_factory=dict)
     """Further header entries."""
 
@@ -68,7 +74,7 @@ class ImageLayout:
         """
         rows = len(band[self.aovs[0]]) if self.aovs[0] in band else 0
         for name in self.aovs:
-            aov = AOVS[name]
+            aov = AOVS[name].with_rank(self.crypto_rank)
             tail = () if len(aov.channels) == 1 else (len(aov.channels),)
             dtype = np.dtype(np.uint32 if aov.kind == "id" else np.float32)
             expected = f"{dtype}{(rows, self.shape[1], *tail)}"

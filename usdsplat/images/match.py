@@ -68,7 +68,7 @@ def fit_grade(found: npt.ArrayLike, wanted: npt.ArrayLike, *, parts: Sequence[st
         parts: The `PARTS` to fit; others stay neutral.
 
     Raises:
-        UsageError: If a part is unknown, or there are no colours.
+        UsageError: If a part is unknown, or there are no usable colours.
     """
     for part in parts:
         if part not in PARTS:
@@ -124,7 +124,11 @@ def _fit(x: F64, y: F64, free: set[str]) -> Grade:
     """Fit by plain least squares, without weights."""
     # Only these sums matter. With S = L Lᵀ the squared error is that of T L − C L⁻ᵀ, nine numbers.
     s, c = x.T @ x, y.T @ x
-    low = np.linalg.cholesky(s + 1e-12 * np.trace(s) * np.eye(3))
+    try:
+        low = np.linalg.cholesky(s + 1e-12 * np.trace(s) * np.eye(3))
+    except np.linalg.LinAlgError:  # the sums overflow, or nothing but black is left
+        found = "colours without a finite, positive brightness"
+        raise UsageError("fit", found, "colours that both pictures have") from None
     target: F64 = np.linalg.solve(low, c.T).T.astype(np.float64)
     grade = _balance(low, target, free)
     if "matrix" not in free:

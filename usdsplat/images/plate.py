@@ -90,9 +90,16 @@ def read_plate(path: Path, *, space: str | None = None) -> Plate:
 
 
 def _space(spec: object, is_float: bool) -> tuple[str, SpaceSource]:
-    """Return the colour space of a file and where it is from."""
-    sources: dict[str, SpaceSource] = {"colorInteropID": "file", "oiio:ColorSpace": "format"}
-    for key, source in sources.items():
+    """Return the colour space of a file and where it is from.
+
+    In a file of integers, an entry colorInteropID may be left over from the EXR that it was made
+    from: what its format states goes first.
+    """
+    sources: list[tuple[str, SpaceSource]] = [
+        ("colorInteropID", "file"),
+        ("oiio:ColorSpace", "format"),
+    ]
+    for key, source in sources if is_float else reversed(sources):
         name = str(spec.getattribute(key) or "")  # type: ignore[attr-defined]
         name = ALIASES.get(name.lower(), name)
         if name in COLOR_SPACES:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from abc import ABC, abstractmethod
 from contextlib import ExitStack
 from pathlib import Path
@@ -14,6 +15,7 @@ import OpenImageIO as oiio
 
 from usdsplat.core.errors import OutputError
 from usdsplat.core.output import output_file
+from usdsplat.core.renames import EXPECTED
 from usdsplat.images.layout import Band, ImageLayout
 
 ROWS = 64
@@ -117,4 +119,5 @@ class ImageWriter(ABC):
         message = self._file.geterror() or oiio.geterror()
         if not succeeded:
             found = message.replace(self._temporary, self._path.name).strip().rstrip(".")
-            raise OutputError(str(self._path), found, "a picture that can be written")
+            reason = re.split(r"[.:]\s+", found)[-1]  # of several sentences, the most special
+            raise OutputError(str(self._path), f"a write that failed ({reason})", EXPECTED)

@@ -25,6 +25,7 @@ from usdsplat.interchange.footprint import footprint
 from usdsplat.interchange.placement import OP, identifier, placement
 from usdsplat.interchange.provenance import KEY
 from usdsplat.schema import DrawingHints, attributes, stock, tokens
+from usdsplat.schema.stage_values import local_transform
 
 SCOPE = "cameras"
 """Name of the scope of cameras, beside the field."""
@@ -214,8 +215,7 @@ def _corners(field: Usd.Prim) -> F64:
 
 def _local(field: Usd.Prim) -> F64:
     """Return the transform to the parent space, shape (4, 4), for column vectors."""
-    matrix = UsdGeom.Xformable(field).GetLocalTransformation(Usd.TimeCode.Default())
-    return np.array(matrix).T
+    return np.array(local_transform(field, Usd.TimeCode.Default())).T
 
 
 def _in_parent(field: Usd.Prim, points: npt.ArrayLike) -> F64:

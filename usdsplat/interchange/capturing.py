@@ -20,6 +20,7 @@ from usdsplat.interchange.provenance import joined_bounds
 from usdsplat.interchange.reports import ExportReport, SequenceExportReport
 from usdsplat.interchange.sequence_exporting import write_frames
 from usdsplat.interchange.sequence_files import files_of
+from usdsplat.interchange.unapplied import unapplied
 from usdsplat.schema.composition import composition_findings
 
 
@@ -117,7 +118,7 @@ class ToCapture:
         if not files.is_usd(source):
             return formats.read(source, how=self.reading, progress=self.progress), []
         stage = files.open_stage(source)
-        capture, _ = capture_of(
+        capture, prims = capture_of(
             stage, frame, prim_path=self.prim_path, time=self.time, progress=self.progress
         )
-        return capture, composition_findings(stage)
+        return capture, [*composition_findings(stage), *unapplied(prims, self.time)]

@@ -45,6 +45,7 @@ def convert(
     options: ImportOptions = IMPORT,
     sequence: SequenceOptions = SEQUENCE,
     export: ExportOptions = EXPORT,
+    flatten: bool = False,
     progress: Progress = silent,
 ) -> Report:
     """Convert captures to a stage, stages to a capture, or either to another of its kind.
@@ -63,6 +64,7 @@ def convert(
             source. `prim_path` is that of the field to write, or to read from a stage.
         sequence: Options of a sequence of captures.
         export: Options of captures that are written.
+        flatten: Whether a stage that becomes a stage is flattened, see `repack`.
         progress: Receives the progress of each step.
 
     Raises:
@@ -76,7 +78,9 @@ def convert(
     if files.is_usd(path) and stages:
         if len(sources) > 1:
             raise UsageError(str(stages[0]), "a stage among several inputs", "only captures")
-        return repack(sources[0], path, form=options.form, edits=edits, progress=progress)
+        return repack(
+            sources[0], path, form=options.form, edits=edits, flatten=flatten, progress=progress
+        )
     reading = reading_for(edits, options.reading)
     if files.is_usd(path) and is_sequence(sources[0]):
         how = replace(reading, empty=IN_USD_MEMORY.empty)

@@ -23,6 +23,7 @@ from usdsplat.interchange.models import FIELD
 from usdsplat.interchange.placement import stage_frame
 from usdsplat.interchange.provenance import joined_bounds
 from usdsplat.interchange.reports import ExportReport, SplitReport
+from usdsplat.interchange.unapplied import unapplied
 from usdsplat.schema.composition import composition_findings
 
 
@@ -40,7 +41,8 @@ def export_capture(
     """Write splat fields as a capture: merged, in world space, with the capture's axes.
 
     Transforms are applied exactly, harmonics included. Lengths are converted to the unit of the
-    format, such as metres for .glb; in formats without one they stay in the stage's.
+    format, such as metres for .glb; in formats without one they stay in the stage's. Grades and
+    crops are not applied; the report has a finding for each field with one.
 
     Args:
         source: A USD file, or a stage, which is not modified.
@@ -67,7 +69,8 @@ def export_capture(
     )
     capture = edit_capture(capture, edits, progress=progress)
     report = _written(capture, prims, source, path, how, progress)
-    return replace(report, findings=tuple(composition_findings(stage)))
+    found = (*composition_findings(stage), *unapplied(prims, time))
+    return replace(report, findings=found)
 
 
 def export_each(
@@ -106,7 +109,10 @@ def export_each(
         target=str(path),
         parts=tuple(parts),
         notes=tuple(notes),
-        findings=tuple(composition_findings(stage)),
+        findings=(
+            *composition_findings(stage),
+            *unapplied([item.prim for item in found], time),
+        ),
     )
 
 

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from pxr import Sdf, Tf, Usd
 
-import usdsplat.schema  # noqa: F401 - our types must be known before the first stage is opened
 from usdsplat import formats
 from usdsplat.core.errors import OutputError, StageError, UnknownFormatError
 from usdsplat.core.readable import readable
 from usdsplat.schema.usd_files import export_layer, sentence
+from usdsplat.schema.value_clips import stage_files
 
 SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 
@@ -29,7 +30,22 @@ def open_stage(path: Path) -> Usd.Stage:
         StageError: If USD cannot read it.
     """
     layer = open_layer(path)
-    return Usd.Stage.Open(layer)
+    with composition_errors(path):
+        return Usd.Stage.Open(layer)
+
+
+@contextmanager
+def composition_errors(path: Path) -> Iterator[None]:
+    """Convert exceptions of USD while it composes a stage.
+
+    Raises:
+        StageError: Instead of USD's own.
+    """
+    try:
+        yield
+    except Tf.ErrorException as error:
+        found = sentence(error) or "nothing that USD can compose"
+        raise StageError(str(path), found, "a stage that USD can compose") from None
 
 
 def open_layer(path: Path, *, anonymous: bool = False) -> Sdf.Layer:
@@ -97,6 +113,5 @@ def check_not_input(target: Path, inputs: Iterable[Path]) -> None:
 
 
 def layer_files(stage: Usd.Stage) -> list[Path]:
-    """Return the files that a stage reads, packages included."""
-    found = (layer.realPath for layer in stage.GetUsedLayers() if layer.realPath)
-    return [Path(path.partition("[")[0]) for path in found]
+    """Return the files that a stage reads, packages and unread value clips included."""
+    return [Path(path) for path in sorted(stage_files(stage))]

@@ -63,10 +63,14 @@ def reading_for(edits: Sequence[Edit], how: ReadOptions = READ_OPTIONS) -> ReadO
 
 
 def with_unit(capture: Capture, meters_per_unit: float | None) -> Capture:
-    """Return the capture with a given unit instead of its own; None leaves its own."""
+    """Return the capture with a given unit instead of its own, and a note if it states another one;
+    None leaves its own."""
     if meters_per_unit is None:
         return capture
-    return replace(capture, meters_per_unit=meters_per_unit, unit_source="given")
+    notes, own = capture.notes, capture.meters_per_unit
+    if own not in (None, meters_per_unit):
+        notes += (f"one unit is {meters_per_unit:g} m as given to the import, not {own:g} m",)
+    return replace(capture, meters_per_unit=meters_per_unit, unit_source="given", notes=notes)
 
 
 def unit_assumed(capture: Capture, meters_per_unit: float) -> Capture:

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 from pxr import Kind, Sdf, Usd, UsdGeom
 
 from usdsplat import schema
+from usdsplat.core.errors import StageError
+from usdsplat.core.text import shown
+from usdsplat.schema.stage_values import extents_hint
 
 FIELD = "splats"
 """Name of the field below its model."""
@@ -31,7 +35,7 @@ def author_model(field: Usd.Prim, target: Path | None) -> None:
     model.SetKind(Kind.Tokens.subcomponent if is_part else Kind.Tokens.component)
     model.SetAssetName(prim.GetName())
     if target is not None:
-        model.SetAssetIdentifier(Sdf.AssetPath(f"./{target.name}"))
+        model.SetAssetIdentifier(Sdf.AssetPath(f"./{shown(target.name)}"))
     if not prim.HasAPI(UsdGeom.ModelAPI):
         author_extents(field)
 
@@ -61,7 +65,8 @@ def update_extents(field: Usd.Prim) -> None:
 def _author(model: UsdGeom.ModelAPI, code: Usd.TimeCode) -> None:
     """Author extentsHint at a time."""
     cache = UsdGeom.BBoxCache(code, [UsdGeom.Tokens.default_])
-    model.SetExtentsHint(model.ComputeExtentsHint(cache), code)
+    with suppress(StageError):  # such a prim is not drawn either, and is reported there
+        model.SetExtentsHint(extents_hint(model, cache), code)
 
 
 def _code(time: float | None) -> Usd.TimeCode:

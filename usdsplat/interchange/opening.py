@@ -12,7 +12,7 @@ from pxr import Sdf, Usd
 from usdsplat.core.errors import StageError, UsageError
 from usdsplat.core.progress import Progress, silent
 from usdsplat.interchange.authoring import prepare
-from usdsplat.interchange.files import open_layer
+from usdsplat.interchange.files import composition_errors, open_layer
 from usdsplat.interchange.importing import import_capture
 from usdsplat.interchange.options import ImportOptions
 
@@ -52,12 +52,13 @@ def open_as_asked(
     if session_layer:
         session.subLayerPaths.append(open_layer(session_layer).identifier)
     populated = _mask(mask, keep)
-    if populated:
-        stage = Usd.Stage.OpenMasked(root, session, populated)
-        check_prims(stage, "--mask", mask)
-        stage.ExpandPopulationMask()
-    else:
-        stage = Usd.Stage.Open(root, session)
+    with composition_errors(path):
+        if populated:
+            stage = Usd.Stage.OpenMasked(root, session, populated)
+            check_prims(stage, "--mask", mask)
+            stage.ExpandPopulationMask()
+        else:
+            stage = Usd.Stage.Open(root, session)
     _mute(stage, mute)
     with Usd.EditContext(stage, session):
         for text in variants:

@@ -16,7 +16,7 @@ from usdsplat.core.cloud import F64
 from usdsplat.core.errors import StageError, UsageError
 from usdsplat.core.text import shown
 from usdsplat.interchange.models import FIELD
-from usdsplat.schema.stage_values import up_axis
+from usdsplat.schema.stage_values import ordered_ops, up_axis
 
 _SUFFIX = "axes"
 OP = f"xformOp:transform:{_SUFFIX}"
@@ -83,8 +83,8 @@ def set_op(prim: Usd.Prim, matrix: F64 | None) -> None:
     Other ops stay; None or the identity removes the op.
     """
     xformable = UsdGeom.Xformable(prim)
-    others = [op for op in xformable.GetOrderedXformOps() if op.GetOpName() != OP]
-    if len(others) < len(xformable.GetOrderedXformOps()):
+    others = [op for op in ordered_ops(prim) if op.GetOpName() != OP]
+    if len(others) < len(ordered_ops(prim)):
         xformable.SetXformOpOrder(others, xformable.GetResetXformStack())
         prim.RemoveProperty(OP)
     if matrix is None or np.array_equal(matrix, np.eye(4)):

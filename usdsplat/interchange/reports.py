@@ -106,8 +106,11 @@ class RepackReport:
     target: str
     prim_paths: tuple[str, ...]
     """Paths of the rewritten fields."""
+    variants: int
+    """Number of rewritten combinations of variants: one for each field whose data depends on no
+    variant."""
     samples: int
-    """Number of rewritten clouds: one for each field and time sample."""
+    """Number of rewritten clouds: one for each field, combination of variants and time sample."""
     splats: int
     """Number of splats in all these clouds."""
     form: str

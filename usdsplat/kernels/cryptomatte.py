@@ -11,8 +11,9 @@ import numpy as np
 from .jit import scalar
 from .launch import kernel
 
-SLOTS = 12
-"""Number of prims stored for each pixel: twice as many as a file keeps."""
+SLOTS = 2
+"""Number of accumulated prims of a pixel for each prim of a sample: the first ones of the picture
+are not always the first ones of a sample."""
 
 
 # --- 1. mathematics: one pixel ---------------------------------------------------------
@@ -23,7 +24,7 @@ def remember(prim, weight, ids, weights):
     """Add to the weight of a prim. If all slots have other prims, replace the one with the smallest
     weight, if its weight is smaller."""
     lightest = 0
-    for slot in range(SLOTS):
+    for slot in range(ids.shape[0]):
         if ids[slot] == prim or ids[slot] < 0:
             ids[slot] = prim
             weights[slot] += weight
@@ -37,10 +38,22 @@ def remember(prim, weight, ids, weights):
 # --- 2. CPU ----------------------------------------------------------------------------
 
 
+@kernel(over="out", writes=("out",))
+def regroup(k, labels, groups, out):
+    """Set out[k] to the group of splat `k`.
+
+    Args:
+        labels: Number of each splat's prim, shape (n,) i32.
+        groups: Group of each prim, shape (prims,) i32.
+        out: Shape (n,) i32.
+    """
+    out[k] = groups[labels[k]]
+
+
 @kernel(over="all_ids", writes=("all_ids", "all_weights"), axes=2)
 def begin(y, x, all_ids, all_weights):
-    """Clear the accumulated prims and weights, shapes (h, w, SLOTS)."""
-    for slot in range(SLOTS):
+    """Clear the accumulated prims and weights, shapes (h, w, slots)."""
+    for slot in range(all_ids.shape[2]):
         all_ids[y, x, slot], all_weights[y, x, slot] = -1, np.float32(0)
 
 
@@ -74,7 +87,7 @@ def rank(y, x, ids, weights, shown, left, hashes, out):
             empty without surfaces.
         left: Transmittance of the splats to the surface, shape (h, w) f32; or empty.
         hashes: Cryptomatte's hash of each prim as a float, shape (prims,) f32.
-        out: Receives all channels, shape (h, w, 2 n) f32.
+        out: Receives all channels, shape (h, w, 2 r) f32 with r <= n.
     """
     surface, total = -1, np.float32(0)
     if shown.shape[0] > 0:
@@ -84,7 +97,7 @@ def rank(y, x, ids, weights, shown, left, hashes, out):
             if surface >= 0 and ids[y, x, slot] == surface:
                 total = weights[y, x, slot] + total
     slot = 0
-    for place in range(ids.shape[2]):
+    for place in range(out.shape[2] // 2):
         while slot < ids.shape[2] and surface >= 0 and ids[y, x, slot] == surface:
             slot += 1
         prim, weight = -1, np.float32(0)
@@ -112,7 +125,7 @@ def finish(y, x, all_ids, all_weights, scale, hashes, out):
     """
     for rank in range(out.shape[2] // 2):
         best = 0
-        for slot in range(1, SLOTS):
+        for slot in range(1, all_weights.shape[2]):
             if all_weights[y, x, slot] > all_weights[y, x, best]:
                 best = slot
         weight = all_weights[y, x, best]

@@ -1,4 +1,5 @@
-"""Evaluate every pixel's ray in plain float64 NumPy: the oracle of `ray_hit`, `walk` and surfaces.
+"""Evaluate every pixel's ray in plain float64 NumPy: the oracle of `ray_hit`, `walk`, surfaces
+and holdouts.
 
 All splats are evaluated at all pixels, so this is for small scenes. A Gaussian's maximum along a
 ray is computed with the inverse of its covariance, as in the published formula.
@@ -123,3 +124,21 @@ def median(rays: Rays, part: float, whole: F64) -> F64:
     first = passed.argmax(axis=0)
     depth = np.take_along_axis(rays.depth, first[None], axis=0)[0]
     return np.where(passed.any(axis=0), depth, np.inf)
+
+
+def held_through(front: F64, back: F64, alpha: F64, depth: F64) -> F64:
+    """Return the transmittance of a deep pixel in front of each depth: the product over its
+    samples.
+
+    Args:
+        front, back, alpha: Ends and opacities of the samples, shape (n,).
+        depth: Any shape.
+    """
+    passed = np.ones(np.shape(depth))
+    for near, far, a in zip(front, back, alpha, strict=True):
+        if far > near:
+            part = np.clip((depth - near) / (far - near), 0.0, 1.0)
+        else:
+            part = np.where(near < depth, 1.0, 0.0)
+        passed *= np.where(part > 0, (1.0 - a) ** part, 1.0)
+    return passed

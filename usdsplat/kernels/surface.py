@@ -46,7 +46,7 @@ def show_through(y, x, image, through, covered, occluder_depth, holdout, left):
         image: The layer, premultiplied with coverage, shape (h, w, 4) f32.
         through: Its transmittance, shape (h, w) f32; empty if it is 1 − coverage.
         covered, occluder_depth: Kinds of the surfaces and their planar depth, (h, w).
-        holdout: Deep holdout, which may be in front of the surface, see `walk`.
+        holdout: Holdout that hides in part and may be in front of the surface, see `walk`.
         left: Receives 0..1, 0 where no surface is in the picture, shape (h, w) f32.
     """
     offsets, depths, held = holdout
@@ -91,12 +91,35 @@ def nearest(y, x, depth, ids, occluder_depth, covered, surface_ids):
 
 
 @kernel(over="left", writes=("out",), axes=2)
-def shown(y, x, left, surface_ids, out):
-    """Set out[y, x] to the prim of the surface, -1 where it is completely hidden.
+def shown(y, x, left, surface_ids, groups, out):
+    """Set out[y, x] to the group of the surface's prim, -1 where it is completely hidden.
 
     Args:
         left: Result of `show_through`.
         surface_ids: See `nearest`.
+        groups: Group of each prim, shape (prims,) i32.
         out: Shape (h, w) i32.
     """
-    out[y, x] = surface_ids[0, y, x] if left[y, x] > np.float32(0) else np.int32(-1)
+    is_seen = left[y, x] > np.float32(0)
+    out[y, x] = groups[surface_ids[0, y, x]] if is_seen else np.int32(-1)
+
+
+@kernel(over="left", writes=("out",), axes=2)
+def shown_material(y, x, left, hit, appearances, material_of, groups, out):
+    """Set out[y, x] to the group of the surface's material, -1 where it is completely hidden.
+
+    Args:
+        left: Result of `show_through`.
+        hit: Appearance and triangle of each pixel, shape (2, h, w) i32.
+        appearances: APPEARANCE records.
+        material_of: Material of each triangle, see `shade.shade`.
+        groups: Group of each material, shape (materials,) i32.
+        out: Shape (h, w) i32.
+    """
+    out[y, x] = np.int32(-1)
+    if left[y, x] > np.float32(0):
+        look = appearances[hit[0, y, x]]
+        number = look.material
+        if look.material_of >= 0:
+            number += material_of[look.material_of + hit[1, y, x]]
+        out[y, x] = groups[number]

@@ -2,8 +2,8 @@
 
 `blend`, `median`, `weigh` and `deep` process splats in the order of their centres. This module can
 also sort the contributions to each pixel by the depths at which its ray hits the splats. It
-supports mattes, whose splats hide others without being drawn, and a deep holdout, whose samples
-reduce the weights of the contributions behind them.
+supports mattes, whose splats hide others without being drawn, and a holdout that hides in part,
+whose transmittance reduces the weights of the contributions behind and within it.
 
 `contributions` finds the contributions to one row of 16 pixels at a time, in their order. Sums,
 medians, weights of prims and deep samples are computed from these rows.
@@ -12,6 +12,8 @@ Source: Radl et al. 2024, "StopThePop", for the order; OpenEXR's "Interpreting O
 """
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 from numba import prange
@@ -48,16 +50,29 @@ HALF = np.float32(0.5)
 
 @scalar
 def held_through(offsets, depths, through, pixel, depth):
-    """Return the transmittance of the samples of a deep holdout in front of `depth`."""
-    low, high = offsets[pixel], offsets[pixel + 1]
-    first = low
+    """Return the transmittance of a holdout in front of `depth`: log-linear between two nodes.
+
+    Args:
+        offsets, depths, through: The nodes, see `walk`.
+    """
+    first, end = offsets[pixel], offsets[pixel + 1]
+    low, high = first, end
     while low < high:
         middle = (low + high) // 2
         if depths[middle] < depth:
             low = middle + 1
         else:
             high = middle
-    return through[low - 1] if low > first else np.float32(1)
+    if low == first:
+        return np.float32(1)
+    near = through[low - 1]
+    if low == end or through[low] == near:
+        return near
+    ratio = through[low] / near
+    if ratio <= np.float32(0):
+        return np.float32(0)
+    part = (depth - depths[low - 1]) / (depths[low] - depths[low - 1])
+    return near * np.float32(math.exp(part * np.float32(math.log(ratio))))
 
 
 @scalar
@@ -172,11 +187,13 @@ def walk(
         labels: Number of each splat's prim, shape (n,) i32; read only for WEIGH.
         covered: 1 where a surface is visible behind the splats, shape (h, w) u8; empty without
             surfaces.
-        holdout: (offsets (h * w + 1,) i64, depths f32, transmittance after each sample f32),
-            sorted by depth in each pixel; the offsets are empty without a holdout.
+        holdout: Nodes of the transmittance along each pixel's ray: (offsets (h * w + 1,) i64,
+            depths f32, transmittances f32), sorted by depth in each pixel. It is 1 in front of the
+            first node, log-linear between two, and constant behind the last; two nodes of equal
+            depth are a step. The offsets are empty without a holdout.
         out: (color, albedo, normals, depth sums, each (h, w, 4) f32: three numbers and coverage;
             through (h, w) f32: transmittance; median (ranks (h, w) i32, depths (h, w) f32); front
-            likewise; prims (ids (h, w, RANKS) i32, weights f32); counts (h, w) u32; offsets
+            likewise; prims (ids (h, w, ranks) i32, weights f32); counts (h, w) u32; offsets
             (h * w,) i64; deep (depth, back, color (n, 4)) f32). Arrays of products that are not
             requested are empty.
 

@@ -20,7 +20,7 @@ from .lanes import choose, load, lowest_bit, ramp, size, store
 from .ray_hit import CENTER, GX, GY, HX, HY, HZ, REACH, row_at
 
 RANKS = 6
-"""Prims of a pixel that Cryptomatte keeps."""
+"""Prims of a pixel that are kept at least, if a file needs fewer."""
 NONE = np.int32(-1)
 
 
@@ -36,9 +36,9 @@ def strongest(table, first, count, names, ids, weights, row, column):
         table: Weights; those of the pixel are at `first`, `first` + TILE, and so on.
         count: Number of prims.
         names: Number of each prim.
-        ids, weights: Receive RANKS prims of the pixel in `row` and `column`.
+        ids, weights: Receive the prims of the pixel in `row` and `column`.
     """
-    for rank in range(RANKS):
+    for rank in range(ids.shape[2]):
         best, most = NONE, np.float32(0)
         for j in range(count):
             here = table[first + j * TILE]
@@ -85,7 +85,7 @@ def weigh(
         labels: Number of each splat's prim, shape (n,) i32.
         prims: Number of prims.
         ids, weights: Receive the prims with the largest weights, and these weights, shape (h, w,
-            RANKS) i32 and f32; NONE and 0 if there are fewer.
+            ranks) i32 and f32; NONE and 0 if there are fewer.
     """
     for tile in prange(starts.shape[0] - 1):
         g = grid[0]

@@ -17,6 +17,7 @@ from usdsplat.delegate.default_camera import Box
 from usdsplat.delegate.render_buffer import Pixels
 from usdsplat.images.aovs import find_aovs
 from usdsplat.images.color import REC709, convert, luminance
+from usdsplat.images.cryptomatte import LAYERS
 from usdsplat.kernels import false_color, show
 from usdsplat.kernels.device import Device
 from usdsplat.preview import palette
@@ -112,7 +113,7 @@ class Display:
             most = self._longest(pixels, is_moving)
             hues, depth = palette.HUES, arrays[BESIDE[name]]
             run(false_color.motions, pixels, depth, np.float32(1.0 / most), hues, *end)
-        elif name == "cryptoObject":
+        elif name in LAYERS:
             pairs = np.ascontiguousarray(pixels).reshape(*pixels.shape[:2], -1, 2)
             run(false_color.mattes, pairs, palette.SHIFT, palette.COLORS, *end)
         elif name == "primId":

@@ -47,7 +47,8 @@ def probe(document: Document, x: float, y: float) -> Probed | None:
     shown = document.shown
     if shown is None:
         return None
-    (aov,) = find_aovs((shown.side_at(x).look.aov,))
+    look = shown.side_at(x).look
+    (aov,) = find_aovs((look.aov,))
     wanted = tuple(dict.fromkeys((aov.hydra, "color", "P", "primId", "elementId")))
     reading = read(document, x, y, wanted)
     if reading is None:
@@ -61,7 +62,7 @@ def probe(document: Document, x: float, y: float) -> Probed | None:
         aov=aov.name,
         shown=_seen(shown.picture, reading.x, reading.y),
         values=tuple(np.atleast_1d(at[aov.hydra]).tolist()),
-        channels=aov.channels,
+        channels=aov.with_rank(look.settings.crypto_rank).channels,
         rendered=(red, green, blue, alpha),
         position=vector(at["P"]) if number >= 0 else None,
         path=reading.prims[number] if number >= 0 else "",

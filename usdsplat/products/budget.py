@@ -9,6 +9,7 @@ from usdsplat.core.wording import counted, said_bytes
 from usdsplat.delegate.engine import Engine
 from usdsplat.images.aovs import AOVS
 from usdsplat.kernels.bins import TILE
+from usdsplat.products.deep_ids import deep_ids
 from usdsplat.products.request import PicturePlan
 from usdsplat.render.frame import DEEP_PIXELS
 from usdsplat.render.memory import Estimate, PictureRequest, fitting
@@ -40,12 +41,20 @@ class Budget:
         )
 
 
-def budget(engine: Engine, plan: PicturePlan, view: View, *, limit: int | None) -> Budget:
+def budget(
+    engine: Engine,
+    plan: PicturePlan,
+    view: View,
+    *,
+    limit: int | None,
+    held_nodes: float = 0.0,
+) -> Budget:
     """Choose the bands of a picture, at the engine's time.
 
     Args:
         view: The view of the picture.
         limit: Maximum memory [byte]; None for no limit.
+        held_nodes: Mean number of nodes in a pixel of a deep holdout.
 
     Raises:
         UsageError: If bands of one row of tiles take more than the limit.
@@ -55,11 +64,13 @@ def budget(engine: Engine, plan: PicturePlan, view: View, *, limit: int | None) 
     if plan.settings.samples > 1 and not plan.deep:
         usual *= TALLER
     request = PictureRequest(
-        aovs=tuple(AOVS[name].hydra for name in plan.aovs),
+        aovs=("color",) if plan.deep else tuple(AOVS[name].hydra for name in plan.aovs),
         holds_out=plan.holdout is not None,
+        held_nodes=held_nodes,
         deep=plan.deep,
+        deep_ids=len(deep_ids(plan.aovs)) if plan.deep else 0,
         baked=plan.is_baked,
-        pictures=2 if plan.deep and plan.compare else 1,
+        pictures=2 if plan.needs_flat else 1,
     )
 
     def needed(tiles: int) -> Estimate:

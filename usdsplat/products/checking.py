@@ -11,7 +11,8 @@ from collections import Counter
 from collections.abc import Iterator
 from dataclasses import replace
 
-from pxr import Usd, UsdRender, UsdShade
+import numpy as np
+from pxr import Usd, UsdGeom, UsdRender, UsdShade
 
 from usdsplat import schema
 from usdsplat.core.errors import StageError, UsdSplatError
@@ -20,11 +21,15 @@ from usdsplat.core.progress import Progress, silent
 from usdsplat.delegate.engine import PURPOSES, Engine
 from usdsplat.delegate.product import ProductSpec
 from usdsplat.delegate.scene_delegate import read_products
-from usdsplat.products.frames import first_frame
+from usdsplat.delegate.scene_delegate.population import populate
+from usdsplat.delegate.scene_delegate.unsupported import findings_on_light, findings_on_prims
+from usdsplat.products.drawing import files_of
+from usdsplat.products.frames import first_frame, frames_to_draw
 from usdsplat.products.planning import plan_default, plan_product
 from usdsplat.products.preflight import findings_of, lens_findings
 from usdsplat.products.request import PicturePlan, RenderRequest
 from usdsplat.schema.composition import composition_findings
+from usdsplat.schema.proxy import points_of
 from usdsplat.schema.validation import sample_codes, splat_fields
 from usdsplat.sim.stage.collections import find_simulations
 from usdsplat.sim.stage.validating import validate_simulations
@@ -35,7 +40,7 @@ MOST_TIMES = 1000
 ANY_FILE = "picture.exr"
 """File of a picture that the stage does not name."""
 
-CHECKED = ("fields", "surfaces", "products", "simulations")
+CHECKED = ("fields", "points", "surfaces", "products", "simulations")
 """Of these, a stage should have at least one."""
 
 
@@ -60,7 +65,7 @@ def check_stage(
     findings.extend(composition_findings(stage))
     findings.extend(schema.validate(stage, time=time, progress=progress))
     findings.extend(validate_simulations(stage, time=time))
-    times = [time] if time is not None else _times(stage)
+    times = [time] if time is not None else _times(stage, findings)
     with Engine(stage, device="cpu", time=times[0]) as engine:
         plans, products = _plans(engine, stage, findings)
         purposes = {purpose for plan in plans for purpose in plan.purposes}
@@ -77,7 +82,7 @@ def check_stage(
         progress.step("checking frames", len(times), len(times))
         looked_at = _looked_at(stage, engine, products=products, frames=len(times))
     if not any(looked_at[kind] for kind in CHECKED):
-        expected = "a splat field, a surface, a product or a simulation"
+        expected = "a splat field, points, a surface, a product or a simulation"
         findings.add(finding("nothing-checked", "/", "nothing to check", expected))
     return looked_at
 
@@ -90,12 +95,28 @@ def opening_findings(stage: Usd.Stage, time: float | None) -> Iterator[Finding]:
         yield from engine.findings
 
 
+def prim_findings(stage: Usd.Stage, time: float | None) -> list[Finding]:
+    """Return what prims ask for and do not get at a time, as far as it costs no splat data: unknown
+    names and types, lights, members of crops. Values, materials and textures are not read."""
+    code = Usd.TimeCode(first_frame(stage, None) if time is None else time)
+    known = populate(stage)
+    found = [*known.findings, *findings_on_prims(known.others, code, frozenset(PURPOSES))]
+    for prim in known.lights.values():
+        if UsdGeom.Imageable(prim).ComputeVisibility(code) != UsdGeom.Tokens.invisible:
+            found += findings_on_light(prim)
+    for entry in known.fields.values():
+        found += entry.crop.findings
+    return sorted(found, key=lambda each: (each.path, each.message))
+
+
 def _plans(engine: Engine, stage: Usd.Stage, findings: Findings) -> tuple[list[PicturePlan], int]:
     """Return a plan of each product, or of the picture of a stage without products, and the number
     of products."""
-    plans, seen = [], set()
+    plans: list[PicturePlan] = []
+    seen = set()
     for prim in stage.Traverse():
         if prim.IsA(UsdRender.Settings) or prim.IsA(UsdRender.Pass):
+            named: list[PicturePlan] = []
             for spec in _products(engine, stage, str(prim.GetPath()), findings):
                 seen.add(spec.path)
                 findings.extend(spec.findings)
@@ -103,6 +124,12 @@ def _plans(engine: Engine, stage: Usd.Stage, findings: Findings) -> tuple[list[P
                     plans.append(_plan(engine, spec, findings))
                 except UsdSplatError as error:
                     findings.add(from_error("bad-product", error))
+                else:
+                    named += plans[-1:] if spec.names else []
+            try:
+                files_of(named, frames_to_draw(stage, None, named))
+            except UsdSplatError as error:
+                findings.add(from_error("bad-product", error))
     if not seen:
         plans.append(plan_default(engine, RenderRequest(output=ANY_FILE)))
     return list(dict.fromkeys(plans)), len(seen)
@@ -142,15 +169,22 @@ def _plan(engine: Engine, spec: ProductSpec, findings: Findings) -> PicturePlan:
     return plan
 
 
-def _times(stage: Usd.Stage) -> list[float]:
-    """Return the first and last frame, and every time at which something has a sample."""
+def _times(stage: Usd.Stage, findings: Findings) -> list[float]:
+    """Return the first and last frame, and every time at which something has a sample; of too many
+    some, evenly spaced, with the first and the last."""
     first = first_frame(stage, None)
     times = {stage.GetEndTimeCode()} if stage.HasAuthoredTimeCodeRange() else set()
     for prim in Usd.PrimRange.Stage(stage, Usd.TraverseInstanceProxies()):
         for attribute in prim.GetAuthoredAttributes():
             if attribute.ValueMightBeTimeVarying():
                 times.update(attribute.GetTimeSamples())
-    return [first, *sorted(times - {first})[: MOST_TIMES - 1]]
+    found = [first, *sorted(times - {first})]
+    if len(found) <= MOST_TIMES:
+        return found
+    expected = f"at most {MOST_TIMES}, so that as many are checked, evenly spaced"
+    findings.add(finding("not-checked", "/", f"{len(found)} times with samples", expected))
+    rows = np.linspace(0, len(found) - 1, MOST_TIMES).round().astype(int)
+    return [found[row] for row in rows]
 
 
 def _looked_at(stage: Usd.Stage, engine: Engine, *, products: int, frames: int) -> Counter[str]:
@@ -162,6 +196,7 @@ def _looked_at(stage: Usd.Stage, engine: Engine, *, products: int, frames: int) 
         layers=len(stage.GetUsedLayers()),
         prims=len(prims),
         fields=len(fields),
+        points=len(points_of(prims)),
         samples=sum(len(sample_codes(prim)) for prim in fields),
         surfaces=len(engine.meshes()),
         materials=sum(prim.IsA(UsdShade.Material) for prim in prims),

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import itertools
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,13 +10,19 @@ import numpy as np
 from usdsplat.core.cloud import F32
 from usdsplat.delegate.engine import Engine
 from usdsplat.images.deep import DeepBand, DeepWriter
+from usdsplat.products.deep_color import MEANING, scaled_to
+from usdsplat.products.deep_ids import DeepIds, deep_ids
+from usdsplat.products.flat_rows import FlatRows
+from usdsplat.products.flattening import flattened
 from usdsplat.products.picture_file import PictureFile, RowsWritten
-from usdsplat.render.tile_lists import DeepSamples
 
 
 @dataclass(slots=True)
 class DeepReport:
-    """Size of a deep picture, and its difference from the flat one in linear light."""
+    """Size of a deep picture, and its difference from the flat one in linear light.
+
+    With `deep_color` beauty, it is that of the colours as they are stored.
+    """
 
     samples: int = 0
     pixels: int = 0
@@ -45,52 +49,47 @@ def draw_deep(engine: Engine, file: PictureFile, *, rows_written: RowsWritten) -
     """Draw a deep picture at the engine's time. For arguments see `draw_flat`.
 
     Raises:
-        UsageError: If splats are not sorted by planar depth.
+        UsageError: If splats are not sorted by planar depth, or a row has too many samples.
         OutputError: If the file cannot be written.
     """
     plan, view, settings = file.plan, file.view, file.plan.settings
     report = DeepReport(compared=plan.compare)
-    bands = engine.render_deep(view, settings, holdout=file.holdout, band_pixels=file.band_pixels)
-    flat: Iterator[F32 | None] = itertools.repeat(None)
-    if plan.compare:
-        trained = replace(settings, samples=1, color_mode="scene", blend_space="auto")
-        drawn = engine.render(view, trained, holdout=file.holdout, band_pixels=file.band_pixels)
-        flat = (band.arrays["color"] for band in drawn)
-    writer = DeepWriter(
-        file.path,
-        file.layout,
-        merged=settings.deep_error > 0,
+    bands = engine.render_deep(
+        view,
+        settings,
+        deep_ids(plan.aovs),
+        holdout=file.holdout,
+        band_pixels=file.band_pixels,
     )
+    flat = None
+    if plan.needs_flat:
+        trained = replace(settings, color_mode="scene", blend_space="auto")
+        flat = FlatRows(
+            engine.render(view, trained, holdout=file.holdout, band_pixels=file.band_pixels)
+        )
+    layout, scales = file.layout, settings.deep_color == "beauty"
+    stored = np.float32 if layout.pixel_type == "float" else np.float16
+    if scales:
+        layout = replace(layout, metadata={**layout.metadata, "usdsplat:aov:color": MEANING})
+    ids = DeepIds(engine, plan)
+    writer = DeepWriter(file.path, layout, merged=settings.deep_error > 0)
     with writer:
-        for (y0, y1, samples), beauty in zip(bands, flat, strict=False):
+        for y0, y1, samples in bands:
+            beauty = None if flat is None else flat.take(y1 - y0)
+            if scales and beauty is not None:
+                samples = scaled_to(samples, beauty, stored)
             band = DeepBand(
                 counts=samples.counts,
                 depth=samples.depth,
                 depth_back=samples.depth_back,
                 color=samples.color,
+                ids=ids.channels(samples),
             )
             writer.write_band(y0, band)
             report.samples += len(samples.depth)
             report.pixels += samples.counts.size
-            if beauty is not None:
+            if plan.compare and beauty is not None:
                 report.add(flattened(samples)[..., :3] - beauty[..., :3])
             rows_written(y1 - file.layout.window[1])
     report.bytes = file.path.stat().st_size
     return report
-
-
-def flattened(samples: DeepSamples) -> F32:
-    """Return the samples of each pixel composited near over far, shape (h, w, 4)."""
-    counts = samples.counts.ravel().astype(np.int64)
-    starts = np.cumsum(counts) - counts
-    image = np.zeros((len(counts), 4), np.float32)
-    through = np.ones(len(counts), np.float32)
-    rest = np.flatnonzero(counts)
-    k = 0
-    while len(rest):
-        color = samples.color[starts[rest] + k]
-        image[rest] += through[rest, None] * color
-        through[rest] *= 1 - color[:, 3]
-        k += 1
-        rest = rest[counts[rest] > k]
-    return image.reshape(*samples.counts.shape, 4)

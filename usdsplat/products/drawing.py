@@ -7,6 +7,7 @@ import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from usdsplat.core.errors import OutputError, UsageError
 from usdsplat.core.findings import Findings
@@ -15,19 +16,22 @@ from usdsplat.core.output import Existing
 from usdsplat.core.progress import Progress, silent
 from usdsplat.core.wording import counted
 from usdsplat.delegate.engine import Engine
-from usdsplat.images.frame_numbers import frame_path
 from usdsplat.products import remarks
 from usdsplat.products.budget import WORTH_SAYING, Budget, budget
 from usdsplat.products.cancel import Cancelled, CancelToken
 from usdsplat.products.deep import DeepReport, draw_deep
+from usdsplat.products.existing import difference
 from usdsplat.products.flat import draw_flat
 from usdsplat.products.header import Origin, labelled_layout
+from usdsplat.products.holdouts import check_file, holdout_of, lacking_depth
 from usdsplat.products.picture_file import PictureFile, RowsWritten
 from usdsplat.products.preflight import findings_of, go_to, of_picture
 from usdsplat.products.request import PicturePlan
 from usdsplat.render.cost import Work
-from usdsplat.render.occluders import ReadHoldout
 from usdsplat.render.specs import CameraSpec
+
+if TYPE_CHECKING:
+    from usdsplat.images.holdout import Holdout
 
 _Job = tuple[PicturePlan, float, Path]
 """Plan, time code and file of a picture."""
@@ -38,7 +42,8 @@ class DrawOptions:
     """Options for drawing a sequence of pictures."""
 
     existing: Existing = "replace"
-    """How to treat existing files; "resume" keeps them and skips their pictures."""
+    """How to treat existing files; "resume" keeps them and skips their pictures, unless a file is
+    truncated or another picture, see `existing.difference`."""
     memory_limit: int | None = None
     """Maximum memory of the process [byte]; None for no limit."""
 
@@ -49,8 +54,14 @@ class DrawnPicture:
 
     path: Path
     frame: float
+    product: str | None
+    """Path of the RenderProduct; None for a picture that no product of the stage describes."""
     camera: str | None
     """Path of the camera; None for a camera that frames the scene."""
+    aovs: tuple[str, ...]
+    """Names of the AOVs in the file, see `images.aovs.AOVS`."""
+    device: str
+    """Name of the device that drew it."""
     resolution: tuple[int, int]
     """Width and height [pixel]."""
     splats: int
@@ -110,19 +121,22 @@ def draw_frames(
         StrictError: If `findings` are strict and not empty; then nothing is written.
     """
     cancel = cancel or CancelToken()
-    jobs = _jobs(plans, frames, options.existing)
-    engine.expect(work_of(plans, frames))
     findings = Findings() if findings is None else findings
+    jobs = _jobs(plans, frames, options.existing, findings)
+    engine.expect(work_of(plans, frames))
     said = engine.remark
     if said:
         findings.say(said)
-    _check_holdouts(jobs)
+    holdouts = _opened(jobs)
     cameras = {plan: _framing_camera(engine, plan, frames) for plan, _, _ in jobs}
-    budgets = _budgets(engine, jobs, cameras, options.memory_limit, findings)
+    budgets = _budgets(engine, jobs, cameras, holdouts, options.memory_limit, findings)
     if findings.is_strict:
         for plan, frame, _ in jobs:
             findings.extend(findings_of(engine, plan, frame, cameras[plan]))
+            if wrong := lacking_depth(plan, holdout_of(plan, frame)):
+                findings.add(wrong)
         findings.check()
+    warned: set[PicturePlan] = set()
     rows, total = 0, sum(plan.rows for plan, _, _ in jobs)
     what = jobs[0][2].name if len(jobs) == 1 else counted(len(jobs), "picture")
     label = f"{what}, row"
@@ -137,13 +151,18 @@ def draw_frames(
             progress.step(label, before + done, total)
             cancel.check()
 
+        holdout = holdout_of(plan, frame)
+        wrong = lacking_depth(plan, holdout)
+        if wrong is not None and plan not in warned:  # their number differs from frame to frame
+            warned.add(plan)
+            findings.add(wrong, time=since)
         origin = Origin(stage=source, frame=frame)
         file = PictureFile(
             plan=plan,
             path=path,
             view=view,
             layout=labelled_layout(engine, plan, view, origin=origin),
-            holdout=_holdout(plan, frame),
+            holdout=None if holdout is None else holdout.rows,
             band_pixels=budgets[plan].band_pixels,
         )
         try:
@@ -166,7 +185,10 @@ def draw_frames(
         yield DrawnPicture(
             path=path,
             frame=frame,
+            product=plan.product or None,
             camera=view.camera.path or None,
+            aovs=tuple(dict.fromkeys(("color", "Z", *plan.aovs))) if plan.deep else plan.aovs,
+            device=engine.device,
             resolution=view.framing.resolution,
             splats=stats.splats,
             visible=stats.visible,
@@ -200,6 +222,7 @@ def _budgets(
     engine: Engine,
     jobs: Sequence[_Job],
     cameras: dict[PicturePlan, CameraSpec | None],
+    holdouts: dict[PicturePlan, Holdout | None],
     limit: int | None,
     findings: Findings,
 ) -> dict[PicturePlan, Budget]:
@@ -209,7 +232,9 @@ def _budgets(
         if plan in budgets:
             continue
         view = go_to(engine, plan, frame, cameras[plan])
-        found = budgets[plan] = budget(engine, plan, view, limit=limit)
+        holdout = holdouts[plan]
+        nodes = 0.0 if holdout is None else holdout.nodes
+        found = budgets[plan] = budget(engine, plan, view, limit=limit, held_nodes=nodes)
         findings.extend(plan.findings)
         if plan.deep:
             findings.say(remarks.what_is_forced(plan))
@@ -218,26 +243,13 @@ def _budgets(
     return budgets
 
 
-def _holdout(plan: PicturePlan, frame: float) -> ReadHoldout | None:
-    """Open the holdout of a frame, if there is one."""
-    if plan.holdout is None:
-        return None
-    from usdsplat.images.holdout import open_holdout
-
-    path = frame_path(plan.holdout, frame)
-    return open_holdout(path, resolution=plan.framing.resolution).rows
-
-
-def _check_holdouts(jobs: Sequence[_Job]) -> None:
-    """Raise an error before drawing if a holdout is missing."""
+def _opened(jobs: Sequence[_Job]) -> dict[PicturePlan, Holdout | None]:
+    """Open the first holdout of each picture. Raise an error before drawing if one is missing."""
+    first: dict[PicturePlan, float] = {}
     for plan, frame, _ in jobs:
-        if plan.holdout is not None:
-            path = frame_path(plan.holdout, frame)
-            if not path.is_file():
-                raise UsageError("--holdout", f"no file {path}", "an EXR with depth")
-    for plan in dict.fromkeys(plan for plan, _, _ in jobs):
-        first = next(frame for other, frame, _ in jobs if other is plan)
-        _holdout(plan, first)
+        check_file(plan, frame)
+        first.setdefault(plan, frame)
+    return {plan: holdout_of(plan, frame) for plan, frame in first.items()}
 
 
 def _framing_camera(
@@ -251,13 +263,25 @@ def _framing_camera(
     return engine.framing_camera(times, framing=plan.framing)
 
 
-def _jobs(plans: Sequence[PicturePlan], frames: Sequence[float], existing: Existing) -> list[_Job]:
-    """Return the pictures to draw with their files, frame by frame."""
+def files_of(plans: Sequence[PicturePlan], frames: Sequence[float]) -> list[tuple[Path, ...]]:
+    """Return the file of each frame of each picture.
+
+    Raises:
+        UsageError: If two pictures have the same file.
+    """
     names = [plan.output.paths(frames) for plan in plans]
     paths = [path for group in names for path in group]
     if len(set(paths)) < len(paths):
         twice = next(path for path in paths if paths.count(path) > 1)
         raise UsageError(str(twice), "two products with this file", "a file for each")
+    return names
+
+
+def _jobs(
+    plans: Sequence[PicturePlan], frames: Sequence[float], existing: Existing, findings: Findings
+) -> list[_Job]:
+    """Return the pictures to draw with their files, frame by frame."""
+    names = files_of(plans, frames)
     jobs = [
         (plan, frame, group[i])
         for i, frame in enumerate(frames)
@@ -265,8 +289,16 @@ def _jobs(plans: Sequence[PicturePlan], frames: Sequence[float], existing: Exist
     ]
     if existing == "replace":
         return jobs
-    left = [job for job in jobs if not job[2].exists()]
-    if existing == "error" and len(left) < len(jobs):
-        there = next(path for _, _, path in jobs if path.exists())
-        raise OutputError(str(there), "a file", "a new name")
+    if existing == "error":
+        there = next((path for _, _, path in jobs if path.exists()), None)
+        if there is not None:
+            raise OutputError(str(there), "a file", "a new name")
+        return jobs
+    left = []
+    for plan, frame, path in jobs:
+        found = difference(plan, frame, path) if path.exists() else ""
+        if found:
+            findings.say(f"{path}: found {found}; it is drawn again")
+        if found or not path.exists():
+            left.append((plan, frame, path))
     return left

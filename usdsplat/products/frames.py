@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 from usdsplat.core.errors import StageError
+from usdsplat.core.findings import Finding, finding
+from usdsplat.core.wording import counted
 from usdsplat.delegate.scene_delegate import Stage
-from usdsplat.images.frame_numbers import parse_frames
+from usdsplat.images.frame_numbers import LIMIT, parse_frames
 from usdsplat.products.request import PicturePlan
 
 WHOLE_RANGE = "stage"
@@ -28,6 +31,17 @@ def first_frame(stage: Stage, asked: str | None) -> float:
     return frames_to_draw(stage, asked, ())[0]
 
 
+def outside_range(stage: Stage, frames: Sequence[float]) -> Finding | None:
+    """Return a finding if frames are outside of the stage's range; None if it has no range."""
+    first, last = stage.GetStartTimeCode(), stage.GetEndTimeCode()
+    beyond = [frame for frame in frames if not first <= frame <= last]
+    if not beyond or not stage.HasAuthoredTimeCodeRange():
+        return None
+    others = f" (and {counted(len(beyond) - 1, 'more frame')})" if len(beyond) > 1 else ""
+    found = f"frame {beyond[0]:g}{others}"
+    return finding("outside-range", "frames", found, f"{first:g} to {last:g}, the stage's range")
+
+
 def frames_to_draw(
     stage: Stage, asked: str | None, plans: Sequence[PicturePlan]
 ) -> tuple[float, ...]:
@@ -43,7 +57,7 @@ def frames_to_draw(
 
     Raises:
         UsageError: If `asked` is not a valid range.
-        StageError: If it is `WHOLE_RANGE`, and the stage has none.
+        StageError: If it is `WHOLE_RANGE`, and the stage has none; or the stage has too many.
     """
     if asked is not None and asked != WHOLE_RANGE:
         return parse_frames(asked)
@@ -54,5 +68,8 @@ def frames_to_draw(
         return (0.0,)
     first, last = stage.GetStartTimeCode(), stage.GetEndTimeCode()
     if asked == WHOLE_RANGE or any(plan.output.is_sequence for plan in plans):
+        if not -math.inf < last - first < LIMIT:  # true for NaN, too
+            found, expected = f"the range {first:g} to {last:g}", f"{LIMIT} frames or fewer"
+            raise StageError("stage startTimeCode and endTimeCode", found, expected)
         return tuple(first + i for i in range(max(int(last - first), 0) + 1))
     return (first,)

@@ -11,17 +11,25 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
+from usdsplat.core.text import shown
 from usdsplat.delegate.engine import Engine
+from usdsplat.delegate.stage_info import StageInfo
 from usdsplat.images import cryptomatte
 from usdsplat.images.camera import camera_metadata, lens_metadata
-from usdsplat.images.labels import origin_metadata, picture_metadata, time_metadata
+from usdsplat.images.labels import (
+    origin_metadata,
+    picture_metadata,
+    time_metadata,
+    timecode_offset,
+)
 from usdsplat.images.layout import ImageLayout, Metadata
 from usdsplat.products.request import PicturePlan
 from usdsplat.products.source_hash import source_hash
-from usdsplat.render.framing import conform
+from usdsplat.render.framing import Window, conform
 from usdsplat.render.output import view_of
 from usdsplat.render.renderer import blend_space_of
-from usdsplat.render.specs import View
+from usdsplat.render.settings import RenderSettings
+from usdsplat.render.specs import CameraSpec, View
 
 DISPLAY = "srgb_rec709_display"
 UNKNOWN = "unknown"
@@ -59,10 +67,12 @@ def layout_of(plan: PicturePlan) -> ImageLayout:
         data_window=plan.framing.data_window,
         aovs=plan.aovs,
         pixel_type=plan.pixel_type,
+        pixel_types=dict(plan.pixel_types),
         color_space=output_space(plan),
         multipart=plan.settings.multipart,
         compression=plan.settings.compression,
         tile_size=0 if plan.deep else plan.settings.tile_size,
+        crypto_rank=plan.settings.crypto_rank,
     )
 
 
@@ -103,35 +113,58 @@ def picture_header(engine: Engine, plan: PicturePlan, view: View, *, origin: Ori
             window=window,
             orthographic=view.camera.orthographic,
         ),
-        **lens_metadata(
-            window=window,
-            focal_length=view.camera.focal_length,
-            lens_radius=view.camera.lens_radius,
-            focus_distance=view.camera.focus_distance,
-            meters_per_unit=info.meters_per_unit,
-        ),
+        **({} if view.camera.orthographic else _lens(view.camera, window, info)),
         **time_metadata(
             frame=origin.frame,
             rate=info.frames_per_second,
             per_second=info.time_codes_per_second,
             shutter=view.camera.shutter,
+            offset=start_offset(plan.settings, info),
         ),
-        **origin_metadata(source_hash(info.files)),
+        **origin_metadata(source_hash(info.files, info.clips)),
         **picture_metadata(
             stage=origin.stage,
             frame=origin.frame,
-            samples=1 if plan.deep else plan.settings.samples,
+            samples=plan.settings.samples,
             exposure=view.camera.exposure,
         ),
         "usdsplat:camera": view.camera.path or origin.camera,
         **_drawing(engine, plan),
         **{f"usdsplat:shown:{name}": value for name, value in origin.shown.items()},
+        **dict(plan.metadata),
     }
     if "id" in plan.aovs:
         entries["usdsplat:ids"] = json.dumps(info.prims)
-    if "cryptoObject" in plan.aovs:
-        entries |= cryptomatte.metadata("cryptoObject", engine.drawn_paths())
+    for layer in cryptomatte.LAYERS:
+        if layer in plan.aovs:
+            groups = engine.render_scene.matte_groups(layer)
+            entries |= cryptomatte.metadata(layer, groups.names)
     return entries
+
+
+def start_offset(settings: RenderSettings, info: StageInfo) -> int:
+    """Return the number of frames that time code 0 of a stage is after 00:00:00:00.
+
+    Raises:
+        UsageError: If `settings.start_timecode` is not a time code of the stage's rate.
+    """
+    return timecode_offset(
+        settings.start_timecode,
+        first=info.start,
+        rate=info.frames_per_second,
+        per_second=info.time_codes_per_second,
+    )
+
+
+def _lens(camera: CameraSpec, window: Window, info: StageInfo) -> Metadata:
+    """Return the header entries on the lens of a perspective camera."""
+    return lens_metadata(
+        window=window,
+        focal_length=camera.focal_length,
+        lens_radius=camera.lens_radius,
+        focus_distance=camera.focus_distance,
+        meters_per_unit=info.meters_per_unit,
+    )
 
 
 def _drawing(engine: Engine, plan: PicturePlan) -> Metadata:
@@ -155,4 +188,5 @@ def _drawing(engine: Engine, plan: PicturePlan) -> Metadata:
     if not through.is_plain and (plan.is_baked or settings.color_mode != "scene"):
         names = (through.display, through.view, through.looks)
         entries["usdsplat:view"] = " / ".join(filter(None, names))
+        entries["usdsplat:ocioConfig"] = shown(through.config)
     return entries

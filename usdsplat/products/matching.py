@@ -153,7 +153,8 @@ def _assumptions(request: MatchRequest, plate: Plate | None) -> tuple[Finding, .
     if plate is None or plate.space_source != "assumed":
         return ()
     expected = f"--reference-space; {plate.space} is assumed"
-    return (finding("assumed-space", str(request.reference), "no colour space", expected),)
+    where = str(request.reference)
+    return (finding("assumed-space", where, "no colour space", expected, attribute=""),)
 
 
 def _camera(engine: Engine, name: str | None) -> str:
@@ -301,7 +302,8 @@ def _save(grades: Sdf.Layer, stage: Usd.Stage, target: Path) -> None:
     for key in ROOT_METADATA:
         if root.pseudoRoot.HasInfo(key):
             layer.pseudoRoot.SetInfo(key, root.pseudoRoot.GetInfo(key))
-    check_referable(root.realPath)
-    path = os.path.relpath(root.realPath, os.path.realpath(target.parent))
+    folder = os.path.realpath(target.parent)
+    check_referable(root.realPath, folder)
+    path = os.path.relpath(root.realPath, folder)
     layer.subLayerPaths.append(Path(path).as_posix() if path[0] == "." else f"./{path}")
     save(layer, target)

@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
 from pathlib import Path
 
 from usdsplat.core.errors import StageError, UsageError
-from usdsplat.core.findings import finding
+from usdsplat.core.findings import Finding, finding
 from usdsplat.core.knobs import checked
 from usdsplat.delegate.engine import PURPOSES, Engine
 from usdsplat.delegate.product import ProductSpec
 from usdsplat.images import COLOR_MODES, default_color_mode, open_writer
 from usdsplat.images.aovs import find_aovs
+from usdsplat.images.compression import DEEP_COMPRESSIONS
+from usdsplat.images.deep_aovs import DEEP_AOVS
 from usdsplat.images.frame_numbers import FileName, frame_path
-from usdsplat.products.header import layout_of
+from usdsplat.images.layout import PixelType
+from usdsplat.products import remarks
+from usdsplat.products.header import layout_of, start_offset
 from usdsplat.products.request import MOST_PIXELS, PicturePlan, RenderRequest
 from usdsplat.render.framing import CONFORM
 from usdsplat.render.output import view_of
@@ -23,8 +28,8 @@ from usdsplat.render.specs import Framing
 KNOWN_PURPOSES = ("default", "render", "proxy", "guide")
 KINDS = ("raster", "deepRaster")
 """Supported `productType` values."""
-DEEP_AOVS = ("color", "Z")
-"""AOVs of a deep picture."""
+NO_PRODUCT = "render"
+"""Name in messages of the picture of a stage without products."""
 
 
 def plan_pictures(engine: Engine, request: RenderRequest) -> tuple[PicturePlan, ...]:
@@ -60,12 +65,12 @@ def plan_pictures(engine: Engine, request: RenderRequest) -> tuple[PicturePlan, 
 def plan_default(engine: Engine, request: RenderRequest, camera: str | None = None) -> PicturePlan:
     """Plan the picture of a stage without products, by default of its first camera."""
     spec = ProductSpec(
-        path="render",
+        path=NO_PRODUCT,
         framing=replace(Framing(), resolution=request.resolution or Framing().resolution),
         settings=checked("render", RenderSettings, request.settings),
         purposes=PURPOSES,
     )
-    return _finished(request, spec, camera or _first_camera(engine))
+    return _finished(engine, request, spec, camera or _first_camera(engine))
 
 
 def plan_product(engine: Engine, request: RenderRequest, product: ProductSpec) -> PicturePlan:
@@ -77,10 +82,13 @@ def plan_product(engine: Engine, request: RenderRequest, product: ProductSpec) -
     """
     if product.kind not in KINDS:
         raise UsageError(product.path, f"productType {product.kind}", " or ".join(KINDS))
-    return _finished(request, product, _camera_of(engine, product) or _first_camera(engine))
+    camera = _camera_of(engine, product) or _first_camera(engine)
+    return _finished(engine, request, product, camera)
 
 
-def _finished(request: RenderRequest, spec: ProductSpec, camera: str | None) -> PicturePlan:
+def _finished(
+    engine: Engine, request: RenderRequest, spec: ProductSpec, camera: str | None
+) -> PicturePlan:
     """Complete a plan: choose the colour mode by the file, and check what the file can hold."""
     where, name = spec.path, _name_of(request, spec)
     output = str(name)
@@ -98,27 +106,38 @@ def _finished(request: RenderRequest, spec: ProductSpec, camera: str | None) -> 
         _check_deep(request, output, others)
         if others:
             found = f"{', '.join(others)} in a deep picture"
-            findings = (*findings, finding("deep-aovs", where, found, "only color and Z"))
-        names = ("color",)
+            expected = f"only {', '.join(DEEP_AOVS)}"
+            findings = (*findings, finding("deep-aovs", where, found, expected))
+        names = ("color", *(name for name in names if name in DEEP_AOVS[2:]))
+        findings = (*findings, *remarks.without_effect(where, spec.settings))
     settings = spec.settings
+    if request.deep and "compression" not in request.settings and settings.compression:
+        settings, lacking = _with_deep_compression(settings, where)
+        findings = (*findings, *lacking)
     if deep or settings.color_mode == "auto":
         settings = replace(settings, color_mode="scene" if deep else suited)
-    view_of(settings)  # raises an error if the view does not exist
+    is_baked = settings.color_mode != "display" and (is_png or request.bake_view)
+    settings, unused = _with_config(settings, where, is_baked=is_baked, is_png=is_png)
+    findings = (*findings, *unused)
+    _check_view(settings, is_from_variable=settings.ocio_config != spec.settings.ocio_config)
+    start_offset(settings, engine.stage_info())  # raises an error if the time code does not exist
     _check_purposes(f"{where} purposes", request.purposes or spec.purposes)
     picture = PicturePlan(
         output=name,
+        product=spec.path if spec.path != NO_PRODUCT else "",
         camera=camera,
         framing=_framing(request, spec.framing, where),
         settings=settings,
         aovs=names,
         purposes=request.purposes or spec.purposes,
-        # The precision in RenderVars applies to EXRs only.
-        pixel_type=request.pixel_type or (None if is_png else spec.pixel_type or None),
+        pixel_type=request.pixel_type or _pixel_type(spec, settings, is_png=is_png),
+        pixel_types=_pixel_types(request, spec),
         matte=(*spec.matte, *((path, True) for path in request.matte)),
         holdout=request.holdout,
         deep=deep,
         compare=request.compare,
-        is_baked=settings.color_mode != "display" and (is_png or request.bake_view),
+        is_baked=is_baked,
+        metadata=tuple({**dict(spec.metadata), **request.metadata}.items()),
         findings=findings,
     )
     layout = layout_of(picture)
@@ -129,6 +148,70 @@ def _finished(request: RenderRequest, spec: ProductSpec, camera: str | None) -> 
     else:
         open_writer(output, layout)
     return picture
+
+
+def _with_config(
+    settings: RenderSettings, where: str, *, is_baked: bool, is_png: bool
+) -> tuple[RenderSettings, tuple[Finding, ...]]:
+    """Apply $OCIO, which names the config of a picture that is drawn through a view.
+
+    It does not decide whether there is a view, so that captured colours are the same everywhere.
+
+    Returns:
+        The settings, and a note if a named view or config has no effect, or if the variable has
+        none on a picture for displays.
+    """
+    config = os.environ.get("OCIO", "")
+    names = (settings.ocio_display, settings.ocio_view, settings.ocio_look)
+    if settings.color_mode == "scene" and not is_baked and any((*names, settings.ocio_config)):
+        found = next(filter(None, (*names, settings.ocio_config)))
+        expected = f"a picture through a view: --bake-view for {where}"
+        return settings, (finding("unused-view", where, found, expected),)
+    if not config or settings.ocio_config:
+        return settings, ()
+    if any(names) or is_baked or settings.color_mode == "inverseView":
+        return replace(settings, ocio_config=config), ()
+    unused = finding("unused-config", "$OCIO", config, f"a view for {where}: --view NAME")
+    return settings, (unused,) if is_png or settings.color_mode == "display" else ()
+
+
+def _with_deep_compression(
+    settings: RenderSettings, where: str
+) -> tuple[RenderSettings, tuple[Finding, ...]]:
+    """Leave out the compression of a flat product that is requested as a deep picture, with a
+    finding, if deep files cannot have it."""
+    if settings.compression in DEEP_COMPRESSIONS:
+        return settings, ()
+    expected = " or ".join(DEEP_COMPRESSIONS)
+    found = f"compression {settings.compression!r} in a deep picture"
+    return replace(settings, compression=""), (finding("product-metadata", where, found, expected),)
+
+
+def _check_view(settings: RenderSettings, *, is_from_variable: bool) -> None:
+    """Raise an error if the view of a picture does not exist."""
+    try:
+        view_of(settings)
+    except UsageError as error:
+        if is_from_variable and error.where == "ocio_config":
+            raise UsageError("$OCIO", error.found, error.expected) from None
+        raise
+
+
+def _pixel_type(spec: ProductSpec, settings: RenderSettings, *, is_png: bool) -> PixelType | None:
+    """Return the type of the colour channels; the types of RenderVars apply to EXRs only."""
+    if is_png:
+        return "uint16" if settings.png_bits == "16" else "uint8"
+    return dict(spec.pixel_types).get("color")
+
+
+def _pixel_types(request: RenderRequest, spec: ProductSpec) -> tuple[tuple[str, PixelType], ...]:
+    """Return the types of other channels than colour; --half and --float decide for alpha."""
+    decided = ("color", "alpha") if request.pixel_type else ("color",)
+    return tuple(
+        (name if name == "alpha" else find_aovs((name,), where=spec.path)[0].name, kind)
+        for name, kind in spec.pixel_types
+        if name not in decided
+    )
 
 
 def _name_of(request: RenderRequest, spec: ProductSpec) -> FileName:
@@ -149,7 +232,8 @@ def _check_deep(request: RenderRequest, output: str, others: list[str]) -> None:
     if request.bake_view:
         raise UsageError("--bake-view", "a deep picture", "a flat one: views are not linear")
     if request.aovs and others:
-        raise UsageError("--aovs", ",".join(others), "color or Z in a deep picture")
+        expected = f"some of {', '.join(DEEP_AOVS)} in a deep picture"
+        raise UsageError("--aovs", ",".join(others), expected)
 
 
 def _framing(request: RenderRequest, framing: Framing, where: str) -> Framing:

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import cast, get_args
 
 from usdsplat.core.errors import OutputError, UsageError
+from usdsplat.core.folders import made_folder
 from usdsplat.core.progress import Progress
 from usdsplat.interchange.files import check_not_input, check_suffix, is_usd, open_stage
 from usdsplat.interchange.importing import import_capture
@@ -22,7 +23,7 @@ def make_stage(
         preset: One of `PresetName`.
         source: A capture, which is imported into a .usdc beside the target, or a stage with one
             splat field, which the target refers to.
-        target: A .usda or .usdc file that does not exist yet.
+        target: A .usda or .usdc file that does not exist yet. A missing folder is made.
         axes: Directions of a capture's x, y and z; None to use the file's own.
         progress: Receives the progress of the import.
 
@@ -39,7 +40,14 @@ def make_stage(
     check_not_input(target, [source])
     if target.exists():
         raise OutputError(str(target), "a file", "a new name")
-    name = cast(PresetName, preset)
+    with made_folder(target.parent):
+        return _make(cast(PresetName, preset), source, target, axes=axes, progress=progress)
+
+
+def _make(
+    name: PresetName, source: Path, target: Path, *, axes: str | None, progress: Progress
+) -> list[Path]:
+    """Write the files of a stage; see `make_stage`."""
     if is_usd(source):
         if axes is not None:
             raise UsageError("--axes", "a stage, which defines its own axes", "a capture")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 from usdsplat.core.findings import Finding, finding
@@ -11,8 +12,15 @@ from usdsplat.products.deep import DeepReport
 from usdsplat.products.request import PicturePlan
 from usdsplat.render.frame_stats import FrameStats
 from usdsplat.render.sampling import has_lens
+from usdsplat.render.settings import RenderSettings, usd_names
 from usdsplat.render.specs import CameraSpec, View
 
+FLAT_ONLY = (
+    "inverse_max", "ocio_config", "ocio_display", "ocio_view", "ocio_look",
+    "multipart", "tile_size", "empty_depth",
+)  # fmt: skip
+"""Knobs that have no effect on deep pictures, which are linear, have one scanline part and no depth
+in empty pixels."""
 WIDEST = 0.1
 """Width of a lens, as a part of its focus distance, above which it is probably a mistake."""
 
@@ -22,13 +30,13 @@ def nothing_drawn(engine: Engine, view: View, stats: FrameStats) -> Finding | No
     if stats.visible or engine.render_scene.drawn_meshes():
         return None
     if not engine.fields():
-        found = "a stage without splats or surfaces"
+        found = "a stage without splats, points or surfaces"
     elif not stats.splats:
         found = "only splats that are hidden, of other purposes, or cannot be drawn"
     else:
         found = "no splats in view"
     where = view.camera.path or "/"
-    return finding("nothing-to-draw", where, found, "splats or surfaces in view")
+    return finding("nothing-to-draw", where, found, "splats, points or surfaces in view")
 
 
 def no_blur(plan: PicturePlan, camera: CameraSpec) -> Finding | None:
@@ -39,7 +47,7 @@ def no_blur(plan: PicturePlan, camera: CameraSpec) -> Finding | None:
         blurs.append("shutter")
     if settings.depth_of_field and has_lens(camera):
         blurs.append("lens")
-    if not blurs or settings.samples > 1 or plan.deep:
+    if not blurs or settings.samples > 1:
         return None
     found = f"one sample, which does not show the blur of the {' and '.join(blurs)}"
     return finding("no-blur", camera.path, found, "several, for example --samples 64")
@@ -48,7 +56,7 @@ def no_blur(plan: PicturePlan, camera: CameraSpec) -> Finding | None:
 def wide_lens(plan: PicturePlan, camera: CameraSpec) -> Finding | None:
     """Return a finding if the lens that blurs a picture is wide for its focus distance."""
     settings, width = plan.settings, 2 * camera.lens_radius
-    is_used = settings.samples > 1 and settings.depth_of_field and not plan.deep
+    is_used = settings.samples > 1 and settings.depth_of_field
     if not (is_used and has_lens(camera) and width > WIDEST * camera.focus_distance):
         return None
     found = f"a lens {width:.3g} wide, focused at {camera.focus_distance:.3g}"
@@ -57,12 +65,26 @@ def wide_lens(plan: PicturePlan, camera: CameraSpec) -> Finding | None:
 
 def what_is_forced(plan: PicturePlan) -> str:
     """Return a remark on settings that differ between a deep and a flat picture."""
-    samples = plan.settings.samples
-    sharp = f"; one sample without blur is drawn instead of {samples}" if samples > 1 else ""
+    scaled = ""
+    if plan.settings.deep_color == "beauty":
+        scaled = ", scaled to flatten to the flat picture (--deep-color beauty)"
     return (
         f"{plan.output}: deep samples are linear, in {plan.settings.working_space}, and are "
-        f"blended in that space (--blend-space linear){sharp}"
+        f"blended in that space (--blend-space linear){scaled}"
     )
+
+
+def without_effect(where: str, settings: RenderSettings) -> Iterator[Finding]:
+    """Yield a finding if settings of a deep picture have no effect."""
+    default = RenderSettings()
+    names = [
+        *(("color_mode",) if settings.color_mode not in ("auto", "scene") else ()),
+        *(name for name in FLAT_ONLY if getattr(settings, name) != getattr(default, name)),
+    ]
+    if names:
+        properties = {knob: name for name, knob in usd_names().items()}
+        found = ", ".join(f"{properties[name]} {getattr(settings, name)}" for name in names)
+        yield finding("deep-settings", where, found, "none of these in a deep picture")
 
 
 def what_fails(path: Path, stats: FrameStats) -> str:

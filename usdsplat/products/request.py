@@ -8,12 +8,15 @@ from typing import Any
 
 from usdsplat.core.findings import Finding
 from usdsplat.images.frame_numbers import FileName
-from usdsplat.images.layout import PixelType
+from usdsplat.images.layout import Entry, PixelType
 from usdsplat.render.settings import RenderSettings
 from usdsplat.render.specs import Framing
 
 MOST_PIXELS = 65536
 """Maximum size of a side [pixel]; larger values are typing errors."""
+
+DEEP_AOVS = ("color", "Z")
+"""AOVs of a deep picture."""
 
 NO_NAME = FileName.of("")
 """Name of the files of a plan whose caller names each file."""
@@ -55,6 +58,8 @@ class RenderRequest:
     """Whether the view transform is applied when a picture is written; PNGs always have it."""
     settings: Mapping[str, Any] = field(default_factory=dict)
     """Values of `RenderSettings`."""
+    metadata: Mapping[str, Entry] = field(default_factory=dict)
+    """Header entries in addition to those of the product, see `images.user_metadata`."""
     settings_prim: str | None = None
     """Path of the RenderSettings prim to use."""
     product: str | None = None
@@ -67,6 +72,8 @@ class PicturePlan:
 
     output: FileName = NO_NAME
     """Name of the files; `NO_NAME` if the caller names each file."""
+    product: str = ""
+    """Path of the RenderProduct; "" for a picture that no product describes."""
     camera: str | None
     """Path of the camera; None for a camera that is given separately or frames the scene."""
     framing: Framing
@@ -74,14 +81,23 @@ class PicturePlan:
     aovs: tuple[str, ...]
     purposes: tuple[str, ...]
     pixel_type: PixelType | None = None
+    pixel_types: tuple[tuple[str, PixelType], ...] = ()
+    """Pairs (AOV or "alpha", type) for channels of an EXR with another type than usual."""
     matte: tuple[tuple[str, bool], ...] = ()
     holdout: str | None = None
     deep: bool = False
     compare: bool = True
     is_baked: bool = False
     """Whether the view transform is applied when the picture is written."""
+    metadata: tuple[tuple[str, Entry], ...] = ()
+    """Header entries that the user or the product adds."""
     findings: tuple[Finding, ...] = ()
     """Settings of the product that cannot be followed."""
+
+    @property
+    def needs_flat(self) -> bool:
+        """Whether a deep picture needs the flat one."""
+        return self.deep and (self.compare or self.settings.deep_color == "beauty")
 
     @property
     def rows(self) -> int:

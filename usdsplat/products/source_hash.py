@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from functools import lru_cache
 
 
-def source_hash(files: Sequence[str]) -> str:
+def source_hash(files: Sequence[str], clips: Sequence[str] = ()) -> str:
     """Return the SHA-256 of the contents of files, as 64 hexadecimal digits; "" without files.
 
     The hash is that of the hashes of the files, sorted: it does not depend on their names or their
@@ -17,9 +17,12 @@ def source_hash(files: Sequence[str]) -> str:
 
     Args:
         files: Paths. If one cannot be read, the result is "".
+        clips: Paths of value clips. Only their names and sizes are hashed: a sequence of captures
+            is too large to be read for each picture.
     """
     try:
-        digests = sorted(_digest(path, *_version(path)) for path in files)
+        contents = [_digest(path, *_version(path)) for path in files]
+        digests = sorted([*contents, *map(_name_and_size, clips)])
     except OSError:
         return ""
     return hashlib.sha256("".join(digests).encode()).hexdigest() if digests else ""
@@ -29,6 +32,12 @@ def _version(path: str) -> tuple[int, int]:
     """Return what changes when a file is written: its size and its time."""
     status = os.stat(path)
     return status.st_size, status.st_mtime_ns
+
+
+def _name_and_size(path: str) -> str:
+    """Return the SHA-256 of the name of a file and its size."""
+    text = f"{os.path.basename(path)}\n{os.stat(path).st_size}"
+    return hashlib.sha256(text.encode(errors="surrogateescape")).hexdigest()
 
 
 @lru_cache(maxsize=4096)

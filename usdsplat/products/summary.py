@@ -17,8 +17,11 @@ from usdsplat.formats import Capture
 from usdsplat.interchange import provenance
 from usdsplat.interchange.axes_choice import choose_axes, with_axes
 from usdsplat.interchange.frame_guess import guess_frame
+from usdsplat.interchange.unapplied import is_cropped, is_graded
+from usdsplat.schema.proxy import points_of
 from usdsplat.schema.stage_values import up_axis
 from usdsplat.schema.validation import splat_fields
+from usdsplat.sim.stage.provenance import well_typed
 
 PERCENTILES = (1, 25, 50, 75, 99)
 ROBUST = (1, 99)
@@ -79,13 +82,14 @@ def of_stage(
     prims = list(stage.Traverse(Usd.TraverseInstanceProxies()))
     return {
         "up_axis": up_axis(stage),
-        "frame": UP_AXIS_FRAME[up_axis(stage)],
+        "axes": UP_AXIS_FRAME[up_axis(stage)],
         "meters_per_unit": UsdGeom.GetStageMetersPerUnit(stage),
         "frames": frames if stage.HasAuthoredTimeCodeRange() else None,
         "frames_per_second": stage.GetTimeCodesPerSecond(),
         "splats": sum(entry.get("splats", 0) for entry in described),
         "splats_drawn": _drawn(stage, time),
         "cameras": [str(prim.GetPath()) for prim in prims if prim.IsA(UsdGeom.Camera)],
+        "points": [_of_points(prim, time) for prim in points_of(prims)],
         "products": [str(prim.GetPath()) for prim in prims if prim.IsA(UsdRender.Product)],
         "fields": described,
     }
@@ -108,12 +112,13 @@ def _of_field(prim: Usd.Prim, time: float | None) -> dict[str, Any]:
     numeric = [code for code in samples if code is not None]
     imageable = UsdGeom.Imageable(prim)
     size = _stored_bytes(prim, time)
-    origin = _plain(prim.GetCustomDataByKey(provenance.KEY) or {})
+    stored = prim.GetCustomDataByKey(provenance.KEY)
+    origin = dict(stored) if isinstance(stored, dict) else {}
     bake = origin.pop("bake", None)
     return {
         **identity,
         "form": schema.form_of(prim),
-        **of_cloud(cloud),
+        **_in_its_space(of_cloud(cloud)),
         "bytes_per_splat": size / max(1, len(cloud)),
         "samples": len(numeric),
         "sampled": [numeric[0], numeric[-1]] if numeric else None,
@@ -122,24 +127,46 @@ def _of_field(prim: Usd.Prim, time: float | None) -> dict[str, Any]:
         "footprint": schema.footprint(prim),
         "projection_mode": schema.projection_mode(prim),
         "sorting_mode": schema.sorting_mode(prim),
+        "graded": is_graded(prim, time),
+        "cropped": is_cropped(prim),
         "purpose": str(imageable.ComputePurpose()),
-        "provenance": origin,
-        "bake": _of_bake(bake) if bake else None,
+        "provenance": _plain(origin),
+        "bake": _of_bake(bake) if bake and isinstance(bake, dict) else None,
+    }
+
+
+def _in_its_space(described: dict[str, Any]) -> dict[str, Any]:
+    """Return the description of a cloud with names that say that bounds are the field's own."""
+    named = {"bounds": "local_bounds", "bounds_robust": "local_bounds_robust"}
+    return {named.get(key, key): value for key, value in described.items()}
+
+
+def _of_points(prim: Usd.Prim, time: float | None) -> dict[str, Any]:
+    """Describe points, which are drawn as splats."""
+    code = Usd.TimeCode.EarliestTime() if time is None else Usd.TimeCode(time)
+    found: Any = UsdGeom.Points(prim).GetPointsAttr().Get(code)
+    return {
+        "path": str(prim.GetPath()),
+        "points": len(found) if found is not None else 0,
+        "purpose": str(UsdGeom.Imageable(prim).ComputePurpose()),
     }
 
 
 def _of_bake(record: dict[str, Any]) -> dict[str, Any]:
-    """Describe a bake from its provenance, without the entries that only resuming needs."""
-    first, last = record["frameRange"]
+    """Describe a bake from its provenance, without the entries that only resuming needs; those that
+    it lacks are None."""
+    known = well_typed(record)
+    span, done = known.get("frameRange"), known.get("completedFrames")
+    total = None if span is None else f"{span[1] - span[0] + 1:g}"
     return {
-        "mode": record["mode"],
-        "frames": [first, last],
-        "completed": f"{record['completedFrames']} of {last - first + 1:g}",
-        "resumes_from": record["checkpoint"],
-        "substeps": record["substeps"],
-        "seed": record["seed"],
-        "made_by": f"usdsplat {record['solverVersion']}",
-        "inputs": [line.split("  ", 1)[-1] for line in record["inputHash"]],
+        "mode": known.get("mode"),
+        "frames": None if span is None else list(span),
+        "completed": None if done is None or total is None else f"{done} of {total}",
+        "resumes_from": known.get("checkpoint"),
+        "substeps": known.get("substeps"),
+        "seed": known.get("seed"),
+        "made_by": f"usdsplat {known['solverVersion']}" if "solverVersion" in known else None,
+        "inputs": [line.split("  ", 1)[-1] for line in known.get("inputHash", ())],
     }
 
 

@@ -15,7 +15,7 @@ from usdsplat.delegate.engine import Engine
 from usdsplat.interchange.files import open_stage
 from usdsplat.render.scene import RenderScene, matrix
 from usdsplat.render.specs import CameraSpec
-from usdsplat.schema.stage_values import local_to_world
+from usdsplat.schema.stage_values import local_to_world, ordered_ops
 from usdsplat.schema.usd_files import export_layer
 
 FOCAL_LENGTH = 50.0
@@ -89,8 +89,8 @@ def look_across(stage: Usd.Stage, path: str) -> None:
     turn = _heading(last - first) - _heading(view)
     angles = (turn + aside + half for aside in (-ASIDE, ASIDE) for half in (0.0, 180.0))
     angle = min((math.remainder(each, 360.0) for each in angles), key=abs)
-    turntable = UsdGeom.Xformable(stage.GetPrimAtPath(Sdf.Path(CAMERA).GetParentPath()))
-    for op in turntable.GetOrderedXformOps():
+    turntable = stage.GetPrimAtPath(Sdf.Path(CAMERA).GetParentPath())
+    for op in ordered_ops(turntable):
         if op.GetOpType() == UsdGeom.XformOp.TypeRotateY:
             op.Set(angle)
 

@@ -8,10 +8,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from usdsplat.images.cryptomatte import object_hash
+from usdsplat.images.cryptomatte import LAYERS, object_hash, rank_pairs
 from usdsplat.kernels import cryptomatte, total
 from usdsplat.kernels.device import Device
-from usdsplat.render.frame_buffers import SumBuffers
+from usdsplat.render.frame_buffers import MatteBuffers
+from usdsplat.render.frame_context import FrameContext
+from usdsplat.render.matte_groups import MatteGroups
 
 
 class SampleAccumulator:
@@ -19,57 +21,76 @@ class SampleAccumulator:
 
     Args:
         shape: Rows and columns.
-        names: The AOVs to average: color, albedo, cryptoObject.
+        names: The AOVs to average: color, albedo, layers of Cryptomatte.
     """
 
-    def __init__(
-        self, device: Device, buffers: SumBuffers, shape: tuple[int, int], names: Sequence[str]
-    ) -> None:
-        self._device = device
-        self._names = names
+    def __init__(self, frame: FrameContext, shape: tuple[int, int], names: Sequence[str]) -> None:
+        self._device = frame.device
         self._count = 0
-        self._prims: dict[str, int] = {}
-        """Path -> number of each prim, in the order of first appearance."""
         self._sums: dict[str, npt.NDArray[Any]] = {}
-        sums = {"color": buffers.color, "albedo": buffers.albedo}
+        sums = {"color": frame.buffers.sums.color, "albedo": frame.buffers.sums.albedo}
         for name in names:
             if name in sums:
                 self._sums[name] = sums[name](*shape)
-                device.run(total.clear, self._sums[name])
-        if "cryptoObject" in names:
-            self._ids = buffers.prims(*shape)
-            self._weights = buffers.weights(*shape)
-            device.run(cryptomatte.begin, self._ids, self._weights)
-            self._mattes = buffers.mattes(*shape)
+                frame.device.run(total.clear, self._sums[name])
+        pairs = rank_pairs(frame.settings.crypto_rank)
+        self._mattes = {
+            layer: _Mattes(frame.device, frame.buffers.matte(layer), (*shape, pairs))
+            for layer in LAYERS
+            if layer in names
+        }
 
-    def add(self, arrays: Mapping[str, Any], prims: Sequence[str]) -> None:
+    def add(self, arrays: Mapping[str, Any], groups: Mapping[str, MatteGroups]) -> None:
         """Add one sample.
 
         Args:
-            arrays: AOV -> pixels; cryptoObject is a list of (prims, weights).
-            prims: Path of each prim; the sample's prim numbers index this list.
+            arrays: AOV -> pixels; of layers of Cryptomatte lists of (groups, weights).
+            groups: Layer of Cryptomatte -> the groups of this sample.
         """
         self._count += 1
-        run = self._device.run
-        table = [self._prims.setdefault(path, len(self._prims)) for path in prims]
-        numbers = self._device.upload(np.array(table, np.int32))
-        for name in self._names:
-            if name in self._sums:
-                run(total.add, self._sums[name], arrays[name])
-            else:
-                for ids, weights in arrays[name]:
-                    run(cryptomatte.gather, ids, weights, numbers, self._ids, self._weights)
+        for name, held in self._sums.items():
+            self._device.run(total.add, held, arrays[name])
+        for layer, mattes in self._mattes.items():
+            mattes.add(arrays[layer], groups[layer].names)
 
     def finish(self) -> dict[str, npt.NDArray[Any]]:
         """Return the averages as arrays of the device."""
-        run, scale = self._device.run, np.float32(1 / self._count)
+        scale = np.float32(1 / self._count)
         for each in self._sums.values():
-            run(total.scale, each, scale)
-        if "cryptoObject" not in self._names:
-            return dict(self._sums)
-        hashes = np.array([object_hash(path) for path in self._prims], np.float32)
-        run(
-            cryptomatte.finish, self._ids, self._weights, scale, self._device.upload(hashes),
-            self._mattes,
+            self._device.run(total.scale, each, scale)
+        ranked = {layer: mattes.ranked(scale) for layer, mattes in self._mattes.items()}
+        return {**self._sums, **ranked}
+
+
+class _Mattes:
+    """Sums of one layer of Cryptomatte.
+
+    Args:
+        shape: Rows, columns, and groups of four channels.
+    """
+
+    def __init__(self, device: Device, buffers: MatteBuffers, shape: tuple[int, int, int]) -> None:
+        self._device = device
+        self._numbers: dict[str, int] = {}
+        """Name -> number of each group, in the order of first appearance."""
+        self._groups, self._weights = buffers.all_prims(*shape), buffers.all_weights(*shape)
+        self._ranked = buffers.ranked(*shape)
+        device.run(cryptomatte.begin, self._groups, self._weights)
+
+    def add(self, found: Sequence[tuple[Any, Any]], names: Sequence[str]) -> None:
+        """Add the (groups, weights) of one sample, whose group numbers index `names`."""
+        table = [self._numbers.setdefault(name, len(self._numbers)) for name in names]
+        numbers = self._device.upload(np.array(table, np.int32))
+        for groups, weights in found:
+            self._device.run(
+                cryptomatte.gather, groups, weights, numbers, self._groups, self._weights
+            )
+
+    def ranked(self, scale: np.float32) -> npt.NDArray[Any]:
+        """Return the channels, with weights multiplied by `scale`."""
+        hashes = np.array([object_hash(name) for name in self._numbers], np.float32)
+        self._device.run(
+            cryptomatte.finish, self._groups, self._weights, scale, self._device.upload(hashes),
+            self._ranked,
         )  # fmt: skip
-        return {**self._sums, "cryptoObject": self._mattes}
+        return self._ranked

@@ -6,16 +6,17 @@ from typing import Any
 
 import numpy as np
 
-from usdsplat.core.cloud import F32
-from usdsplat.images.cryptomatte import object_hash
+from usdsplat.core.cloud import F32, I32
+from usdsplat.images.cryptomatte import LAYERS, rank_pairs
 from usdsplat.kernels import cryptomatte, feature, position, surface
 from usdsplat.render.frame_context import FrameContext, FrameSample
+from usdsplat.render.matte_groups import MatteGroups
 from usdsplat.render.motion import Motion
 from usdsplat.render.occluders import Occluders
 from usdsplat.render.surfaces import SurfaceBand
 from usdsplat.render.tile_lists import TileLists
 
-AVERAGED = ("color", "albedo", "cryptoObject")
+AVERAGED = ("color", "albedo", *LAYERS)
 """AOVs that are averaged over samples. Averages of other AOVs, such as ids, have no meaning."""
 SUMMED = {"Neye", "depthExpected", "albedo"}
 """AOVs that are sums of a feature over all contributions of a pixel."""
@@ -28,9 +29,9 @@ PRODUCT = {
     "Neye": "normals",
     "depthExpected": "depths",
     "depthFront": "front",
-    "cryptoObject": "prims",
 }
-"""AOV -> the product it is computed from, see `tile_lists.PRODUCTS`."""
+"""AOV -> the product it is computed from, see `tile_lists.PRODUCTS`. Layers of Cryptomatte are
+requested separately."""
 
 
 def products_of(aovs: set[str]) -> frozenset[str]:
@@ -66,10 +67,12 @@ class AovResolver:
         Args:
             motion: Motion to the neighbouring frames; None if no AOV needs it.
             y0: First row of the band.
-            raw: Whether mattes are returned as (ids, weights), for accumulation.
+            raw: Whether Cryptomattes are returned as (groups, weights), for accumulation.
         """
         wanted, surfaces = set(aovs), self._surfaces
-        color, through = self._tiles.color(products_of(wanted))
+        mattes = {layer: groups for layer, groups in self._sample.groups.items() if layer in wanted}
+        rank = self._frame.settings.crypto_rank
+        color, through = self._tiles.color(products_of(wanted), mattes, rank)
         self._frame.clock.lap("blend")
         left = None if surfaces is None else self._left(color, through)
         arrays: dict[str, Any] = {}
@@ -80,8 +83,8 @@ class AovResolver:
             arrays["depthFront"] = self._nearest("front")["depth"]
         if wanted & SUMMED:
             arrays |= self._features(left, wanted)
-        if "cryptoObject" in wanted:
-            arrays["cryptoObject"] = self._mattes(left, raw=raw)
+        for layer, groups in mattes.items():
+            arrays[layer] = self._matte(layer, groups, left, raw=raw)
         if "color" in wanted:
             behind = None if surfaces is None else surfaces.color
             arrays["color"] = composited(self._frame, color, left, behind)
@@ -162,27 +165,38 @@ class AovResolver:
         self._frame.clock.lap("features")
         return arrays
 
-    def _mattes(self, left: F32 | None, *, raw: bool) -> Any:
-        """Return the coverage of each pixel by each prim."""
-        ids, weights = self._tiles.weigh()
+    def _matte(self, layer: str, groups: MatteGroups, left: F32 | None, *, raw: bool) -> Any:
+        """Return the coverage of each pixel by each group of a layer of Cryptomatte."""
+        found, weights = self._tiles.weigh(layer)
         shown, part = np.empty((0, 0), np.int32), np.empty((0, 0), np.float32)
         if left is not None and self._surfaces is not None:
-            shown, part = self._buffers.surface_prims(*left.shape), left
-            self._run(surface.shown, left, self._surfaces.ids, shown)
+            shown, part = self._shown(layer, groups, left), left
         if raw:
-            found = [(ids, weights)]
+            pairs = [(found, weights)]
             if shown.size:
-                found.append((shown.reshape((*shown.shape, 1)), part.reshape((*part.shape, 1))))
-            return found
-        # averaging a single sample would read and write twelve slots of each pixel three times
-        mattes = self._buffers.mattes(*self._tiles.shape)
-        prims = self._sample.splats.layout.prims
-        hashes = np.array([object_hash(path) for path in prims], np.float32)
-        self._run(
-            cryptomatte.rank, ids, weights, shown, part, self._frame.device.upload(hashes), mattes
-        )
+                pairs.append((shown.reshape((*shown.shape, 1)), part.reshape((*part.shape, 1))))
+            return pairs
+        # averaging a single sample would read and write all slots of each pixel three times
+        pairs_of = rank_pairs(self._frame.settings.crypto_rank)
+        ranked = self._frame.buffers.matte(layer).ranked(*self._tiles.shape, pairs_of)
+        hashes = self._frame.device.keep(groups.hashes)
+        self._run(cryptomatte.rank, found, weights, shown, part, hashes, ranked)
         self._frame.clock.lap("mattes")
-        return mattes
+        return ranked
+
+    def _shown(self, layer: str, groups: MatteGroups, left: F32) -> I32:
+        """Return the group of the visible surface of each pixel, -1 without one, shape (h, w)."""
+        band, surfaces, keep = self._surfaces, self._sample.surfaces, self._frame.device.keep
+        assert band is not None and surfaces is not None
+        out: I32 = self._frame.buffers.matte(layer).surfaces(*left.shape)
+        if groups.of_materials is None:
+            self._run(surface.shown, left, band.ids, keep(groups.of_prims), out)
+        else:
+            self._run(
+                surface.shown_material, left, band.hit, surfaces.shapes[0], surfaces.material_of,
+                keep(groups.of_materials), out,
+            )  # fmt: skip
+        return out
 
 
 def composited(

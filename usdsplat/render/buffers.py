@@ -42,6 +42,8 @@ class Sizes:
     """Visible splats."""
     shown: int = 0
     """Splats that a display mode draws instead."""
+    drawn: int = 0
+    """Splats that are drawn: visible ones, or those that a display mode draws instead."""
     chunks: int = 0
     """Chunks of the depth order, each sorted by one thread at a time."""
     height: int = 0
@@ -56,6 +58,8 @@ class Sizes:
     """Pairs of a splat and a row of tiles that it touches."""
     pairs: int = 0
     """Pairs of a splat and a tile that it touches."""
+    rank_pairs: int = 0
+    """Groups of four channels of a layer of Cryptomatte; each holds two prims."""
     triangle_pairs: int = 0
     """Pairs of a triangle and a tile that it touches."""
 

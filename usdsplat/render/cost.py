@@ -10,13 +10,14 @@ import os
 from collections.abc import Collection
 from dataclasses import dataclass
 
+from usdsplat.images.cryptomatte import LAYERS
 from usdsplat.render.settings import RenderSettings
 
 PER_SPLAT = 70e-9
 """Time to project, shade and sort one splat in one sample [s of one thread]."""
 PER_PIXEL = 65e-9
 """Time to blend colour in one pixel of one sample [s of one thread]."""
-PASSES = {"color": 1.0, "cryptoObject": 11.0}
+PASSES = {"color": 1.0, **dict.fromkeys(LAYERS, 11.0)}
 """AOV -> cost in units of PER_PIXEL."""
 OTHER = 0.7
 """Cost of an AOV that PASSES does not list, in units of PER_PIXEL."""
@@ -49,7 +50,7 @@ class Work:
         """
         passes = sum(PASSES.get(name, OTHER) for name in self.aovs)
         if self.deep:
-            passes += DEEP
+            passes = PASSES["color"] + DEEP * (1 if len(self.aovs) == 1 else 2)  # again for ids
         if self.settings.sorting == "rayHitDistance":
             passes *= BY_RAY
         once = PER_SPLAT * splats * self.pictures + PER_PIXEL * passes * self.pixels

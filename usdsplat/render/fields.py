@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from usdsplat.core.cloud import F32, F64
+from usdsplat.core.cloud import F32, F64, I64
 from usdsplat.render.spatial_order import SpatialOrder
 from usdsplat.render.specs import CropSpec, FieldSpec, InstanceSpec, MeshSpec
 from usdsplat.render.splat_budget import SplatBudget, SplatSubset
@@ -89,6 +90,16 @@ class Mesh:
     def is_drawn(self) -> bool:
         """Whether the mesh is visible, and has instances and triangles."""
         return self.visible and bool(self.instances) and len(self.spec.triangles) > 0
+
+
+def distinct_meshes(drawn: Sequence[DrawnMesh]) -> tuple[list[MeshSpec], I64]:
+    """Return the distinct meshes, and the number of each appearance's mesh."""
+    numbers: dict[int, int] = {}
+    specs: list[MeshSpec] = []
+    for _, mesh, _ in drawn:
+        if numbers.setdefault(id(mesh.spec), len(specs)) == len(specs):
+            specs.append(mesh.spec)
+    return specs, np.array([numbers[id(mesh.spec)] for _, mesh, _ in drawn], np.int64)
 
 
 def _equal(a: F32, b: F32) -> bool:

@@ -11,7 +11,8 @@ memory does not grow with their number.
 Tiles are rasterized where AOVs are resolved, in `aov_resolver`. Colour, albedo and mattes are
 averaged over all samples. Every other AOV is read from one more sample, in the center of shutter,
 lens and pixel, and is never mixed. A device may draw a picture that needs colour alone in one step,
-see `Rasterizer.draw_color`. A deep picture has one sample; `render_deep` draws it.
+see `Rasterizer.draw_color`. `render_deep` draws deep pictures of one sample, and `deep_merging`
+those of many.
 """
 
 from __future__ import annotations
@@ -23,12 +24,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from usdsplat.images.cryptomatte import LAYERS
 from usdsplat.kernels import surface
 from usdsplat.kernels.device import Device
 from usdsplat.render import sampling
 from usdsplat.render.accumulator import SampleAccumulator
 from usdsplat.render.aov_resolver import AVERAGED, SUMMED, AovResolver, composited
 from usdsplat.render.band import Band
+from usdsplat.render.deep_samples import DeepSamples
 from usdsplat.render.display import displayed
 from usdsplat.render.frame_context import FrameContext, FrameSample
 from usdsplat.render.motion import Motion
@@ -38,7 +41,7 @@ from usdsplat.render.rasterizer import WholeImage
 from usdsplat.render.screen import Screen
 from usdsplat.render.specs import CameraSpec
 from usdsplat.render.surfaces import SurfaceBand, Surfaces
-from usdsplat.render.tile_lists import DeepSamples, TileLists
+from usdsplat.render.tile_lists import TileLists
 
 MOTION = {"motionForward", "motionBackward"}
 """AOVs that need the neighbouring frames."""
@@ -88,11 +91,11 @@ def average_band(
         motion = find_motion(frame, sample, center)
         arrays |= fetched(frame.device, draw_band(frame, sample, rows, from_center, motion))
     if averaged:
-        sums = SampleAccumulator(frame.device, frame.buffers.sums, (y1 - y0, x1 - x0), averaged)
+        sums = SampleAccumulator(frame, (y1 - y0, x1 - x0), averaged)
         for each in plan:
             sample = prepare(frame, each, window, averaged)
             drawn = draw_band(frame, sample, rows, averaged, None, raw=True)
-            sums.add(drawn, sample.splats.layout.prims)
+            sums.add(drawn, sample.groups)
             frame.clock.lap("accumulate")
         arrays |= fetched(frame.device, sums.finish())
     return arrays
@@ -101,24 +104,54 @@ def average_band(
 def render_deep(
     frame: FrameContext, camera: CameraSpec, screen: Screen, band_pixels: int
 ) -> Iterator[tuple[int, int, DeepSamples]]:
-    """Return all contributions to each pixel, in strips of a band: (y0, y1, samples)."""
+    """Return all contributions to each pixel, in strips of a band: (y0, y1, samples).
+
+    Samples have those AOVs of `deep_samples.DEEP_IDS` as ids that `frame.aovs` contains.
+    """
     sample = prepare(frame, sampling.Sample(), screen.window, ())
     x0, _, x1, _ = screen.window
+    error = frame.settings.deep_error
     for top, bottom in screen.bands(band_pixels):
         tiles, _, surfaces = bin_band(frame, sample, (top, bottom))
-        if surfaces is not None:
-            fetch = frame.device.fetch
-            is_drawn = fetch(surfaces.covered) == surface.DRAWN
-            color, depth = fetch(frame.output.surfaces(surfaces.color)), fetch(surfaces.depth)
+        behind = None if surfaces is None else fetched_surfaces(frame, surfaces)
         for y0, y1 in replace(screen, window=(x0, top, x1, bottom)).bands(DEEP_PIXELS):
-            samples = tiles.rows_between(y0, y1).deep(frame.settings.deep_error)
-            if camera.exposure != 1.0:
-                samples.color[:, :3] *= np.float32(camera.exposure)
-            if surfaces is not None:
-                rows = slice(y0 - top, y1 - top)
-                samples = samples.with_surfaces(depth[rows], is_drawn[rows], color[rows])
-            frame.clock.lap("deep")
-            yield y0, y1, samples
+            rows = slice(y0 - top, y1 - top)
+            some = None if behind is None else tuple(each[..., rows, :] for each in behind)
+            yield y0, y1, deep_samples(frame, camera, tiles.rows_between(y0, y1), some, error)
+
+
+def fetched_surfaces(frame: FrameContext, surfaces: SurfaceBand) -> tuple[npt.NDArray[Any], ...]:
+    """Return depths, visibility, linear colours as (3, h, w), and ids of surfaces, on the host."""
+    fetch = frame.device.fetch
+    return (
+        fetch(surfaces.depth),
+        fetch(surfaces.covered) == surface.DRAWN,
+        np.moveaxis(fetch(frame.output.surfaces(surfaces.color)), 2, 0),
+        fetch(surfaces.ids),
+    )
+
+
+def deep_samples(
+    frame: FrameContext,
+    camera: CameraSpec,
+    tiles: TileLists,
+    behind: tuple[npt.NDArray[Any], ...] | None,
+    error: float,
+) -> DeepSamples:
+    """Return the deep samples of some rows, surfaces included.
+
+    Args:
+        behind: Result of `fetched_surfaces` for these rows; None without surfaces.
+        error: See `TileLists.deep`.
+    """
+    samples = tiles.deep(error, frame.aovs)
+    if camera.exposure != 1.0:
+        samples.color[:, :3] *= np.float32(camera.exposure)
+    if behind is not None:
+        depth, is_drawn, color, ids = behind
+        samples = samples.with_surfaces(depth, is_drawn, np.moveaxis(color, 0, 2), ids)
+    frame.clock.lap("deep")
+    return samples
 
 
 def prepare(
@@ -148,7 +181,7 @@ def prepare(
         whole = frame.rasterizer.draw_color(projector, view.matte, frame.buffers, frame.stats)
         if whole is not None:
             frame.clock.lap("draw color")
-            return FrameSample(screen, whole, None)
+            return FrameSample(screen, whole, None, {})
     splats = _projected(frame, projector, view.matte, aovs, occludes=occludes)
     mode = frame.settings.display_mode
     if mode != "splats":
@@ -158,7 +191,8 @@ def prepare(
         if mode == "ellipses":  # each splat is drawn twice: the ellipse and its outline
             frame.stats.visible = splats.order.shape[0] // 2
         frame.clock.lap("display")
-    return FrameSample(screen, splats, surfaces)
+    groups = {layer: scene.matte_groups(layer) for layer in LAYERS if layer in aovs}
+    return FrameSample(screen, splats, surfaces, groups)
 
 
 def _projected(
@@ -181,7 +215,7 @@ def _projected(
     if SUMMED & set(aovs) or frame.settings.display_mode == "normals":
         projector.find_features()
         lap("find features")
-    splats = projector.sort(matte, labels="cryptoObject" in aovs)
+    splats = projector.sort(matte, labels=bool(set(LAYERS) & set(aovs)))
     lap("sort")
     stats.splats, stats.total = splats.layout.splats, splats.layout.total
     stats.visible = splats.order.shape[0]
@@ -202,7 +236,7 @@ def draw_band(
     Args:
         rows: First row of the band, and the row after its last.
         motion: Motion to the neighbouring frames; None if no AOV needs it.
-        raw: Whether cryptoObject is returned as unranked (prim ids, weights), for the accumulator,
+        raw: Whether Cryptomattes are returned as unranked (groups, weights), for the accumulator,
             which ranks the sums over all samples.
     """
     if isinstance(sample.splats, WholeImage):

@@ -64,6 +64,10 @@ class SplatBuffers(BufferGroup):
     """0 for splats that only hold out, shape (visible,)."""
     labels = Buffer(lambda visible: (visible,), I32)
     """Number of each splat's prim, shape (visible,)."""
+    groups = Buffer(lambda drawn: (drawn,), I32)
+    """Group of each splat in the layer of Cryptomatte that is being weighed, shape (drawn,)."""
+    numbered = Buffer(lambda visible: (visible, project.RECORD), F32)
+    """`ordered` with ranks in place of colours, for deep ids, shape (visible, RECORD)."""
 
 
 class DisplayBuffers(BufferGroup):
@@ -147,20 +151,39 @@ class PixelBuffers(BufferGroup):
     """Splat or triangle of that appearance, shape (h, w)."""
     motion_weights = Buffer(lambda height, width: (height, width, 2), F32)
     """Barycentric weights in the triangle, shape (h, w, 2)."""
-    prims = Buffer(lambda height, width: (height, width, weigh.RANKS), I32)
-    """Prims that contribute most, shape (h, w, RANKS)."""
-    weights = Buffer(lambda height, width: (height, width, weigh.RANKS), F32)
-    """Their contributions, shape (h, w, RANKS)."""
-    mattes = Buffer(lambda height, width: (height, width, 2 * weigh.RANKS), F32)
-    """Ranked (hash, coverage) pairs of one sample, shape (h, w, 2 RANKS)."""
-    surface_prims = Buffer(lambda height, width: (height, width), I32)
-    """Prims of the surfaces, shape (h, w)."""
     holdout_depth = Buffer(lambda height, width: (height, width), F32)
     """Depths of a flat holdout without surfaces, shape (h, w)."""
     holdout_covered = Buffer(lambda height, width: (height, width), U8)
     """Whether the holdout covers a pixel, shape (h, w)."""
     deep_offsets = Buffer(lambda height, width: (height * width + 1,), I64)
     """First deep sample of each pixel, shape (h w + 1,)."""
+
+
+def kept(rank_pairs: int) -> int:
+    """Return the number of prims of a pixel that are kept for each sample."""
+    return max(weigh.RANKS, 2 * rank_pairs)
+
+
+def slots(rank_pairs: int) -> int:
+    """Return the number of prims of a pixel that are accumulated over samples."""
+    return cryptomatte.SLOTS * kept(rank_pairs)
+
+
+class MatteBuffers(BufferGroup):
+    """One layer of Cryptomatte of a band."""
+
+    prims = Buffer(lambda height, width, rank_pairs: (height, width, kept(rank_pairs)), I32)
+    """Groups of prims that contribute most to a sample, shape (h, w, kept)."""
+    weights = Buffer(lambda height, width, rank_pairs: (height, width, kept(rank_pairs)), F32)
+    """Their contributions, shape (h, w, kept)."""
+    surfaces = Buffer(lambda height, width: (height, width), I32)
+    """Groups of the surfaces, shape (h, w)."""
+    all_prims = Buffer(lambda height, width, rank_pairs: (height, width, slots(rank_pairs)), I32)
+    """Groups of prims that contributed to all samples, shape (h, w, slots)."""
+    all_weights = Buffer(lambda height, width, rank_pairs: (height, width, slots(rank_pairs)), F32)
+    """Their contributions, shape (h, w, slots)."""
+    ranked = Buffer(lambda height, width, rank_pairs: (height, width, 4 * rank_pairs), F32)
+    """Ranked (hash, coverage) pairs, shape (h, w, 4 rank pairs)."""
 
 
 class SurfaceBuffers(BufferGroup):
@@ -208,12 +231,14 @@ class SumBuffers(BufferGroup):
     """Shape (h, w, 4)."""
     albedo = Buffer(lambda height, width: (height, width, 3), F32)
     """Shape (h, w, 3)."""
-    prims = Buffer(lambda height, width: (height, width, cryptomatte.SLOTS), I32)
-    """Prims that contributed, shape (h, w, SLOTS)."""
-    weights = Buffer(lambda height, width: (height, width, cryptomatte.SLOTS), F32)
-    """Their contributions, shape (h, w, SLOTS)."""
-    mattes = Buffer(lambda height, width: (height, width, 2 * weigh.RANKS), F32)
-    """Ranked (hash, coverage) pairs, shape (h, w, 2 RANKS)."""
+
+
+MATTES = {
+    "cryptoObject": "crypto_object",
+    "cryptoAsset": "crypto_asset",
+    "cryptoMaterial": "crypto_material",
+}
+"""Layer of Cryptomatte -> its group of buffers."""
 
 
 class FrameBuffers:
@@ -236,6 +261,9 @@ class FrameBuffers:
     front: NearestBuffers
     """First splat that contributes."""
     pixels: PixelBuffers
+    crypto_object: MatteBuffers
+    crypto_asset: MatteBuffers
+    crypto_material: MatteBuffers
     surfaces: SurfaceBuffers
     triangles: TriangleBuffers
     sums: SumBuffers
@@ -251,6 +279,11 @@ class FrameBuffers:
     def image(self, name: str) -> ImageBuffers:
         """Return the group of "color", "albedo", "normals" or "depths"."""
         group: ImageBuffers = getattr(self, name)
+        return group
+
+    def matte(self, layer: str) -> MatteBuffers:
+        """Return the group of one of `cryptomatte.LAYERS`."""
+        group: MatteBuffers = getattr(self, MATTES[layer])
         return group
 
     def nearest(self, name: str) -> NearestBuffers:

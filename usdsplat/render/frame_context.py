@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from usdsplat.kernels.device import Device
 from usdsplat.render.frame_buffers import FrameBuffers
 from usdsplat.render.frame_stats import Clock, FrameStats
+from usdsplat.render.matte_groups import MatteGroups
 from usdsplat.render.occluders import ReadHoldout
 from usdsplat.render.output import Output
 from usdsplat.render.projector import ProjectedSplats
@@ -34,6 +35,8 @@ class FrameSample:
     """The splats in order of depth, or the finished picture of a device that fuses the steps."""
     surfaces: Surfaces | None
     """The scene's meshes; None if there are none."""
+    groups: Mapping[str, MatteGroups]
+    """Requested layer of Cryptomatte -> its groups."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

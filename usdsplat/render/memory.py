@@ -16,12 +16,15 @@ import numpy as np
 
 from usdsplat.core.cloud import SplatCloud
 from usdsplat.images.aovs import AOVS
+from usdsplat.images.cryptomatte import LAYERS, rank_pairs
+from usdsplat.images.holdout_nodes import STRIP
 from usdsplat.kernels import bins, triangles
 from usdsplat.render.aov_resolver import BESIDE_MEDIAN, SUMMED
 from usdsplat.render.buffers import Buffer, Sizes
+from usdsplat.render.deep_memory import deep_bytes
 from usdsplat.render.draw_list import DrawList, Group
 from usdsplat.render.frame import DEEP_PIXELS
-from usdsplat.render.frame_buffers import FrameBuffers, SurfaceBuffers, TriangleBuffers
+from usdsplat.render.frame_buffers import MATTES, FrameBuffers, SurfaceBuffers, TriangleBuffers
 from usdsplat.render.matte import is_matte
 from usdsplat.render.motion import FRAMES
 from usdsplat.render.scene import RenderScene
@@ -45,6 +48,8 @@ DEEP_SAMPLES = 48
 DEEP_SAMPLE = 80
 """Bytes per deep sample: 24 in arrays, 24 in the copy with surfaces, 24 in the previous strip that
 the caller still holds, 8 in rows that are being written."""
+BEAUTY_SAMPLE = 32
+"""Bytes per deep sample whose colour is scaled to the beauty: the scaled colour, and its factor."""
 WRITER, WRITER_ROWS = 4, 64
 """Number of copies of the rows that are being written to a file, and number of these rows."""
 
@@ -54,8 +59,12 @@ RANKS = 8
 """Bytes per splat that a display mode draws, for its rank."""
 VERTEX, BOX = 8 * triangles.VERTEX, 16
 """Bytes per vertex and per triangle on the screen."""
-HOLDOUT_ROWS = 16
-"""Bytes per pixel of a holdout that is being read: depth and opacity, as read and as used."""
+HOLDOUT_ROWS = 40
+"""Bytes per pixel of a holdout that is being read: depth and opacity as read and as used, and, in
+a flat one that hides in part, offsets and a node."""
+HOLDOUT_NODE, STRIP_NODE = 16, 110
+"""Bytes per node of a deep holdout: depth and transmittance in strips and joined; and while the
+nodes of a strip are computed."""
 PLAIN_VIEW, OCIO_VIEW = 135, 60
 """Bytes per pixel that a view transform takes for unpremultiplied colours and copies: float64
 without OCIO settings, float32 with them."""
@@ -98,8 +107,12 @@ class PictureRequest:
     """Names in `renderer.AOVS`."""
     holds_out: bool = False
     """Whether there is an external holdout."""
+    held_nodes: float = 0.0
+    """Mean number of nodes in a pixel of a deep holdout, see `images.holdout_nodes`."""
     deep: bool = False
     """Whether all contributions are kept."""
+    deep_ids: int = 0
+    """Number of ids of each deep sample."""
     baked: bool = False
     """Whether a view transform is applied to the drawn pixels."""
     pictures: int = 1
@@ -131,7 +144,7 @@ def estimate(
     layout = scene.draw_list(settings.splat_budget)
     laid = {id(group.cloud): len(group.cloud) for group in layout.groups}
     pixels, share = (end - begin) * (x1 - x0), min(1.0, UNEVEN * (end - begin) / (y1 - y0))
-    sizes = _sizes(scene, layout, screen, (begin, end), share=share, threads=threads)
+    sizes = _sizes(scene, settings, screen, (begin, end), share=share, threads=threads)
     used = buffers_of(scene, view, settings, request)
     in_band = sum(each.touched_bytes(sizes) for name, each in used.items() if not _by_splat(name))
     by_splat = sum(each.touched_bytes(sizes) for name, each in used.items() if _by_splat(name))
@@ -141,9 +154,14 @@ def estimate(
     kept = 0
     if request.deep:
         top, bottom = next(screen.bands(min(band_pixels, DEEP_PIXELS)))
-        kept = (bottom - top) * (x1 - x0) * DEEP_SAMPLES * DEEP_SAMPLE
-    channels = sum(len(aov.channels) for aov in AOVS.values() if aov.hydra in request.aovs)
+        sample = DEEP_SAMPLE + BEAUTY_SAMPLE * (settings.deep_color == "beauty")
+        more = deep_bytes(settings, request.deep_ids, DEEP_SAMPLES)
+        kept = (bottom - top) * (x1 - x0) * (DEEP_SAMPLES * sample + more)
+    written = (aov for aov in AOVS.values() if aov.hydra in request.aovs)
+    channels = sum(len(aov.with_rank(settings.crypto_rank).channels) for aov in written)
     writing = WRITER * WRITER_ROWS * (x1 - x0) * 4 * channels
+    strip = min(end - begin, STRIP) * (x1 - x0)
+    in_band += int(request.held_nodes * (pixels * HOLDOUT_NODE + strip * STRIP_NODE))
     in_band += pixels * (HOLDOUT_ROWS * request.holds_out + _of_view(settings, request))
     return Estimate(
         held=_held(scene),
@@ -169,7 +187,8 @@ def buffers_of(
     walks = by_ray or holds or request.holds_out
     ray_hits, features = meshes or request.holds_out or by_ray, bool(SUMMED & aovs)
     features = features or mode == "normals"
-    crypto, moves = "cryptoObject" in aovs, bool(FRAMES.keys() & aovs)
+    layers = [layer for layer in LAYERS if layer in aovs]
+    crypto, moves = bool(layers), bool(FRAMES.keys() & aovs)
     ellipses, sampled = mode == "ellipses", settings.samples > 1
     images = {"color": bool(aovs)} | {group: name in aovs for name, group in IMAGES.items()}
     nearest = {
@@ -182,7 +201,7 @@ def buffers_of(
         (ray_hits, "splats", "ray_hits ordered_ray_hits"),
         (features, "splats", "features ordered_features"),
         (holds, "splats", "keeps"),
-        (crypto, "splats", "labels"),
+        (crypto, "splats", "labels groups"),
         (ellipses, "display", "opaque records order"),
         (ellipses and ray_hits, "display", "ray_hits"),
         (ellipses and features, "display", "features"),
@@ -196,17 +215,17 @@ def buffers_of(
         *((is_used and walks, group, "ray_depths") for group, is_used in nearest.items()),
         *((name in aovs, "pixels", buffer) for name, buffer in PIXELS.items()),
         (moves and meshes, "pixels", "motion_rows motion_elements motion_weights"),
-        (crypto, "pixels", "prims weights"),
-        (crypto and meshes, "pixels", "surface_prims"),
+        *((True, MATTES[layer], "prims weights ranked") for layer in layers),
+        *((meshes, MATTES[layer], "surfaces") for layer in layers),
+        *((sampled, MATTES[layer], "all_prims all_weights") for layer in layers),
         (bool(aovs) and meshes, "pixels", "left"),
         (request.holds_out and not meshes, "pixels", "holdout_depth holdout_covered"),
         (request.deep, "pixels", "deep_offsets"),
+        (request.deep_ids > 0, "splats", "numbered"),
         (meshes, "surfaces", " ".join(SurfaceBuffers.declared())),
         (meshes, "triangles", " ".join(TriangleBuffers.declared())),
         (sampled and "color" in aovs, "sums", "color"),
         (sampled and "albedo" in aovs, "sums", "albedo"),
-        (sampled and crypto, "sums", "prims weights mattes"),
-        (crypto and not sampled, "pixels", "mattes"),
     ]
     groups = FrameBuffers.groups()
     return {
@@ -284,7 +303,7 @@ def _by_splat(name: str) -> bool:
 
 def _sizes(
     scene: RenderScene,
-    layout: DrawList,
+    settings: RenderSettings,
     screen: Screen,
     rows: tuple[int, int],
     *,
@@ -292,6 +311,7 @@ def _sizes(
     threads: int,
 ) -> Sizes:
     """Estimate the sizes for the fullest band, which contains a `share` of all tiles."""
+    layout = scene.draw_list(settings.splat_budget)
     x0, _, x1, _ = screen.window
     visible, crossings, pairs = _visible(layout, screen)
     grid = bins.grid_of(x0, rows[0], x1, rows[1])[0]
@@ -302,6 +322,7 @@ def _sizes(
         boxes=max((g.all_blocks for g in large), default=0),
         visible=visible,
         shown=2 * visible,
+        drawn=2 * visible if settings.display_mode == "ellipses" else visible,
         chunks=4 * threads,
         height=rows[1] - rows[0],
         width=x1 - x0,
@@ -309,6 +330,7 @@ def _sizes(
         tile_columns=int(grid["columns"]),
         crossings=int(share * crossings),
         pairs=int(share * pairs),
+        rank_pairs=rank_pairs(settings.crypto_rank),
         triangle_pairs=sum(len(mesh.spec.triangles) for _, mesh, _ in scene.drawn_meshes()),
     )
 

@@ -15,7 +15,9 @@ from usdsplat.kernels.device import Device
 from usdsplat.render.frame_buffers import PixelBuffers
 
 DeepHoldout = tuple[I64, F32, F32]
-"""A deep holdout: first sample of each pixel, depths and transmittances, see `kernels.walk`."""
+"""A holdout that hides in part: nodes of the transmittance along each pixel's ray, which is
+log-linear between nodes: offsets of the pixels' nodes, depths and transmittances, see
+`kernels.walk`."""
 NO_HOLDOUT: DeepHoldout = (
     np.empty(0, np.int64),
     np.empty(0, np.float32),
@@ -29,8 +31,8 @@ NO_DEPTH = np.empty((0, 0), np.float32)
 NO_COVER = np.empty((0, 0), np.uint8)
 
 HoldoutRows = F32 | DeepHoldout | tuple[F32, DeepHoldout]
-"""Holdout of some rows: planar depths, +inf where nothing is, shape (h, w); or deep samples; or
-both, for a flat picture some of whose pixels hide only in part."""
+"""Holdout of some rows: planar depths, +inf where nothing is, shape (h, w); or nodes; or both, for
+a flat picture some of whose pixels hide only in part."""
 
 
 ReadHoldout = Callable[[int, int, int, int], HoldoutRows]
@@ -63,7 +65,7 @@ def with_holdout(
 ) -> Occluders:
     """Return the occluders of a band with a holdout added.
 
-    Depths hide everything behind them, deep samples as much as they cover.
+    Depths hide everything behind them, nodes what their transmittance leaves out.
 
     Args:
         shape: Rows and columns of the band.
@@ -100,7 +102,7 @@ def _check(rows: F32 | DeepHoldout, shape: tuple[int, int]) -> None:
         raise UsageError("holdout", f"{len(offsets)} offsets", f"{pixels + 1}")
     if offsets[0] != 0 or (np.diff(offsets) < 0).any() or offsets[-1] != len(depths):
         raise UsageError(
-            "holdout", "offsets that do not match the samples", f"0 to {len(depths)}, ascending"
+            "holdout", "offsets that do not match the nodes", f"0 to {len(depths)}, ascending"
         )
     if len(through) != len(depths):
         raise UsageError("holdout", f"{len(through)} transmittances", f"{len(depths)}")

@@ -12,6 +12,8 @@ from usdsplat.kernels.device import CpuDevice, Device
 from usdsplat.render.aov_resolver import AVERAGED
 from usdsplat.render.band import Band
 from usdsplat.render.cpu import CpuRasterizer
+from usdsplat.render.deep_merging import merges_deep, render_merged_deep
+from usdsplat.render.deep_samples import DEEP_IDS, DeepSamples
 from usdsplat.render.frame import MOTION, render_deep, render_frame
 from usdsplat.render.frame_buffers import FrameBuffers
 from usdsplat.render.frame_context import FrameContext, Moment, TimeSampler
@@ -24,7 +26,6 @@ from usdsplat.render.screen import Screen
 from usdsplat.render.settings import RenderSettings
 from usdsplat.render.specs import CameraSpec, View
 from usdsplat.render.surface_cache import SurfaceCache
-from usdsplat.render.tile_lists import DeepSamples
 
 AOVS = (
     *AVERAGED,
@@ -164,10 +165,11 @@ class Renderer:
         def still(_: float) -> Moment:
             return scene, view
 
-        def bands(workspace: _Workspace) -> Iterator[Band]:
+        def bands(workspace: _Workspace, taken: int) -> Iterator[Band]:
             output = _output(workspace.device, settings, blend_space, view)
             frame = workspace.frame(sampler or still, settings, aovs, blend_space, output, holdout)
-            for band in render_frame(frame, view.camera, screen, band_pixels):
+            drawn = render_frame(frame, view.camera, screen, band_pixels)
+            for band in itertools.islice(drawn, taken, None):
                 frame.stats.failed, frame.stats.asked = output.failed, output.covered
                 self.stats = frame.stats
                 yield replace(band, arrays={name: band.arrays[name] for name in aovs})
@@ -180,7 +182,9 @@ class Renderer:
         scene: RenderScene,
         view: View,
         settings: RenderSettings,
+        aovs: tuple[str, ...] = (),
         *,
+        sampler: TimeSampler | None = None,
         holdout: ReadHoldout | None = None,
         band_pixels: int = BAND_PIXELS,
     ) -> Iterator[tuple[int, int, DeepSamples]]:
@@ -189,40 +193,65 @@ class Renderer:
         Samples stay valid as long as anything refers to their arrays. Memory of those that are
         released is used for the strips that follow.
 
-        The picture has one sharp sample, blended in the working space. Surfaces are opaque samples.
+        The picture is blended in the working space. Surfaces are opaque samples. Those of all
+        samples of shutter, lens and pixel are merged.
+
+        Args:
+            aovs: Ids that samples need, of `deep_samples.DEEP_IDS`; samples with different ids are
+                never merged.
 
         Raises:
-            UsageError: If splats are not sorted by planar depth.
+            UsageError: If splats are not sorted by planar depth, an AOV is not an id, or a row of
+                pixels has too many samples.
         """
+        for name in aovs:
+            if name not in DEEP_IDS:
+                raise UsageError("deep AOV", repr(name), f"one of {', '.join(DEEP_IDS)}")
+        ids = tuple(name for name in DEEP_IDS if name in aovs)
         if settings.sorting not in ORDERED:
             expected = f"{' or '.join(ORDERED)} for a deep picture"
             raise UsageError("sorting", settings.sorting, expected)
-        settings = replace(settings, samples=1, blend_space="linear", color_mode="scene")
+        settings = replace(settings, blend_space="linear", color_mode="scene")
         screen = Screen.of(view)
         blend_space = settings.working_space
+        merges = merges_deep(settings, len(ids))
+        x0, top, x1, bottom = screen.window
 
-        def bands(workspace: _Workspace) -> Iterator[tuple[int, int, DeepSamples]]:
+        def still(_: float) -> Moment:
+            return scene, view
+
+        def bands(workspace: _Workspace, taken: int) -> Iterator[tuple[int, int, DeepSamples]]:
+            nonlocal top
             output = _output(workspace.device, settings, blend_space, view)
-            still = (scene, view)
-            frame = workspace.frame(lambda _: still, settings, (), blend_space, output, holdout)
-            for each in render_deep(frame, view.camera, screen, band_pixels):
+            frame = workspace.frame(sampler or still, settings, ids, blend_space, output, holdout)
+            if merges:  # the heights of strips depend on what is drawn: begin after the last one
+                rest = replace(screen, window=(x0, top, x1, bottom))
+                strips = render_merged_deep(frame, view.camera, rest, band_pixels)
+            else:
+                drawn = render_deep(frame, view.camera, screen, band_pixels)
+                strips = itertools.islice(drawn, taken, None)
+            for each in strips:
                 self.stats = frame.stats
                 yield each
+                top = each[1]
                 frame.clock.resume()
 
         return self._borrowing(bands)
 
     # --- private ---------------------------------------------------------------------------
 
-    def _borrowing(self, bands: Callable[[_Workspace], Iterator[Any]]) -> Iterator[Any]:
+    def _borrowing(self, bands: Callable[[_Workspace, int], Iterator[Any]]) -> Iterator[Any]:
         """Run a generator with its own buffers, which later pictures reuse.
 
         If a GPU fails and `falls_back` is set, the CPU draws the remaining bands.
+
+        Args:
+            bands: Returns the bands, without the given number of them that was drawn already.
         """
         workspace = self._take_workspace()
         taken = 0
         try:
-            for band in bands(workspace):
+            for band in bands(workspace, 0):
                 taken += 1
                 yield band
         except BackendError as error:
@@ -230,7 +259,7 @@ class Renderer:
                 raise
             self._fall_back(workspace.device, error)
             workspace = self._take_workspace()
-            yield from itertools.islice(bands(workspace), taken, None)
+            yield from bands(workspace, taken)
         finally:
             if not self._closed and workspace.device is self._device:
                 self._idle.append(workspace.buffers)

@@ -11,6 +11,7 @@ from usdsplat.core.extent import extent
 from usdsplat.render.cropping import inside
 from usdsplat.render.draw_list import DrawList, draw_list
 from usdsplat.render.fields import Box, Drawn, DrawnMesh, Field, Mesh
+from usdsplat.render.matte_groups import MatteGroups, matte_groups
 from usdsplat.render.specs import CropSpec, FieldSpec, InstanceSpec, LightSpec, MeshSpec
 
 SUBJECT = 0.004
@@ -99,6 +100,7 @@ class RenderScene:
         self._lights: dict[str, LightSpec] = {}
         self._drawn: list[Drawn] | None = None
         self._draw_lists: dict[int, DrawList] = {}
+        self._matte_groups: dict[str, MatteGroups] = {}
 
     # --- editing ---------------------------------------------------------------------------
 
@@ -214,6 +216,14 @@ class RenderScene:
             self._draw_lists[budget] = draw_list(self.drawn(), surfaces, budget=budget)
         return self._draw_lists[budget]
 
+    def matte_groups(self, layer: str) -> MatteGroups:
+        """Return the groups of a layer of Cryptomatte. The result is cached until the next edit."""
+        if layer not in self._matte_groups:
+            self._matte_groups[layer] = matte_groups(
+                layer, self.prims(), self.drawn(), self.drawn_meshes()
+            )
+        return self._matte_groups[layer]
+
     def bounds(self) -> Box | None:
         """Return the lowest and highest corner of everything visible, in the world. None if nothing
         is."""
@@ -252,3 +262,4 @@ class RenderScene:
     def _forget_order(self) -> None:
         self._drawn = None
         self._draw_lists.clear()
+        self._matte_groups.clear()

@@ -7,10 +7,14 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from usdsplat.core.knobs import knob, knobs
+from usdsplat.images.cryptomatte import RANK
 from usdsplat.render.specs import SortingMode
 
-FILE_KNOBS = ("compression", "tile_size", "empty_depth", "multipart", "deep_error")
-"""Knobs that only affect files."""
+FILE_KNOBS = (
+    "compression", "tile_size", "empty_depth", "multipart", "crypto_rank", "deep_error",
+    "deep_color", "png_bits", "start_timecode",
+)  # fmt: skip
+"""Knobs of files, which views in a window do not offer."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -91,11 +95,29 @@ class RenderSettings:
         "inf", "depth of empty pixels in EXRs; far is the camera's far clipping plane"
     )
     multipart: bool = knob(False, "whether each AOV is written as a separate EXR part")
+    crypto_rank: int = knob(
+        RANK,
+        "number of pairs of id and coverage that each pixel of a Cryptomatte has; four channels "
+        "hold two, so an odd number is rounded up",
+        range=(2, 16),
+    )
     deep_error: float = knob(
         0.0,
         "merge neighbouring deep samples while the opacity in front of any depth changes by this "
         "or less; 0 merges none",
         range=(0.0, 0.1),
+    )
+    deep_color: Literal["scene", "beauty"] = knob(
+        "scene",
+        "colour of deep samples: scene is that of their splats, beauty scales it in each pixel so "
+        "that the flattened samples equal the flat picture, blended in the training space; "
+        "opacities stay the same",
+    )
+    png_bits: Literal["8", "16"] = knob("8", "bits of each channel of a PNG")
+    start_timecode: str = knob(
+        "",
+        "SMPTE time code of the stage's startTimeCode, such as 01:00:00:00; default: frame 0 is "
+        "00:00:00:00",
     )
 
     def resolved(self, hints: Iterable[SortingMode]) -> RenderSettings:

@@ -98,6 +98,8 @@ class MaterialSpec:
     texture: TextureSpec | None = None
     uses_colors: bool = False
     """Whether the mesh's own colours are used."""
+    path: str = ""
+    """Path of the material; empty if none is bound."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -144,6 +146,11 @@ class InstanceSpec:
     """Number within a point instancer, else 0."""
     transform: Matrix = IDENTITY
     """Local to world [scene unit]; sheared and mirrored ones are exact."""
+    asset: str = ""
+    """Path of the asset that the prim belongs to; empty for the prim's own path."""
+    material: str = ""
+    """Path of the material that is bound to a field; empty without one. Materials of a mesh are
+    those of its `MaterialSpec`s."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -18,11 +18,12 @@ from usdsplat.core.cloud import F32, F64, I32, I64
 from usdsplat.core.errors import UsageError
 from usdsplat.kernels import bins, raster, shade, triangles
 from usdsplat.kernels.device import Device
+from usdsplat.render.fields import DrawnMesh, distinct_meshes
 from usdsplat.render.frame_buffers import FrameBuffers
 from usdsplat.render.matte import is_matte
-from usdsplat.render.scene import DrawnMesh, RenderScene
+from usdsplat.render.scene import RenderScene
 from usdsplat.render.screen import Screen
-from usdsplat.render.specs import LightSpec, MeshSpec
+from usdsplat.render.specs import LightSpec
 from usdsplat.render.surface_cache import PackedMeshes, SurfaceCache
 
 
@@ -94,7 +95,7 @@ class Surfaces:
         if not drawn:
             cache.clear()
             return None
-        specs, which = _distinct(drawn)
+        specs, which = distinct_meshes(drawn)
         packed = cache.packed(device, specs)
         firsts = _running(packed.triangles_of[which])
         vertex_firsts = _running(packed.points_of[which])
@@ -124,6 +125,11 @@ class Surfaces:
             looks=packed.looks,
             lights=keep(_lights(scene.lights, screen)),
         )
+
+    @property
+    def material_of(self) -> I32:
+        """Number of each triangle's material within its mesh, see `shade.shade`."""
+        return self.looks[4]
 
     def draw(self, y0: int, y1: int, buffers: FrameBuffers) -> SurfaceBand:
         """Rasterize and shade rows y0 to y1 - 1 of the data window.
@@ -171,16 +177,6 @@ def view_record(screen: Screen) -> npt.NDArray[Any]:
     (fx, fy), (cx, cy), (near, far) = screen.focal, screen.center, screen.clipping_range
     values = (fx, fy, cx, cy, near, far, *screen.window, screen.orthographic)
     return np.array([values], triangles.VIEW)
-
-
-def _distinct(drawn: Sequence[DrawnMesh]) -> tuple[list[MeshSpec], I64]:
-    """Return the distinct meshes, and the number of each appearance's mesh."""
-    numbers: dict[int, int] = {}
-    specs: list[MeshSpec] = []
-    for _, mesh, _ in drawn:
-        if numbers.setdefault(id(mesh.spec), len(specs)) == len(specs):
-            specs.append(mesh.spec)
-    return specs, np.array([numbers[id(mesh.spec)] for _, mesh, _ in drawn], np.int64)
 
 
 def _running(lengths: I64) -> I64:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import copy
+from collections.abc import Mapping
 from collections.abc import Set as AbstractSet
-from dataclasses import dataclass
+from dataclasses import replace
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -12,9 +14,23 @@ import numpy.typing as npt
 
 from usdsplat.core.cloud import F32, I32, I64
 from usdsplat.core.errors import UsageError
-from usdsplat.kernels import bins, blend, deep, feature, median, project, walk, weigh
+from usdsplat.images.cryptomatte import RANK, rank_pairs
+from usdsplat.kernels import (
+    bins,
+    blend,
+    cryptomatte,
+    deep,
+    deep_ids,
+    feature,
+    median,
+    project,
+    walk,
+    weigh,
+)
 from usdsplat.kernels.device import Device
+from usdsplat.render.deep_samples import DEEP_IDS, DeepSamples
 from usdsplat.render.frame_buffers import FrameBuffers
+from usdsplat.render.matte_groups import MatteGroups
 from usdsplat.render.occluders import NO_DEPTH, Occluders
 from usdsplat.render.projector import ProjectedSplats
 
@@ -30,64 +46,14 @@ WANTS = {
     "deep": walk.FILL,
 }
 """Product -> its flag in a walk."""
-PRODUCTS = frozenset(WANTS) - {"color", "counts", "deep"}
-"""Products that can be drawn in addition to colour."""
+PRODUCTS = frozenset(WANTS) - {"color", "prims", "counts", "deep"}
+"""Products that can be drawn in addition to colour and layers of Cryptomatte."""
 COLUMNS = {"albedo": feature.ALBEDO, "normals": feature.NORMAL, "depths": feature.EXPECTED}
 """Product that is a sum over contributions -> first column of the features."""
 PARTS = {"median": 0.5, "front": 0.0}
 """Product -> fraction of the coverage that is reached in the splat to find."""
 
 NO_DEEP = (np.empty(0, np.float32), np.empty(0, np.float32), np.empty((0, 4), np.float32))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class DeepSamples:
-    """Deep samples of a band, near to far, pixel after pixel."""
-
-    counts: npt.NDArray[np.uint32]
-    """Number of samples of each pixel, shape (h, w)."""
-    depth: F32
-    """Nearest depth of each sample, shape (n,)."""
-    depth_back: F32
-    """Farthest depth of each sample, shape (n,)."""
-    color: F32
-    """Premultiplied RGBA of each sample alone, shape (n, 4)."""
-
-    left: F32
-    """Transmittance of a deep holdout to a surface behind the samples of each pixel; 1 without a
-    holdout, shape (h, w)."""
-
-    def with_surfaces(
-        self, surface_depth: F32, drawn: npt.NDArray[np.bool_], colors: F32
-    ) -> DeepSamples:
-        """Return the samples with one sample added per pixel where a surface is drawn.
-
-        The added sample is the last one of its pixel.
-
-        Args:
-            surface_depth: Depth of the surface, shape (h, w).
-            drawn: Whether a surface is drawn, shape (h, w).
-            colors: Its linear RGB, shape (h, w, 3).
-        """
-        ends = np.cumsum(self.counts, dtype=np.int64)
-        more = np.cumsum(drawn.ravel(), dtype=np.int64)
-        places = ends[drawn.ravel()] + more[drawn.ravel()] - 1
-        kept = np.ones(len(self.depth) + int(more[-1]), bool)
-        kept[places] = False
-
-        def merged(samples: F32, surfaces: F32) -> F32:
-            out = np.empty((len(kept), *samples.shape[1:]), np.float32)
-            out[kept], out[places] = samples, surfaces
-            return out
-
-        left = self.left[drawn][:, None]
-        return DeepSamples(
-            counts=self.counts + drawn.astype(np.uint32),
-            depth=merged(self.depth, surface_depth[drawn]),
-            depth_back=merged(self.depth_back, surface_depth[drawn]),
-            color=merged(self.color, np.concatenate([colors[drawn] * left, left], axis=1)),
-            left=self.left,
-        )
 
 
 class TileLists:
@@ -157,22 +123,39 @@ class TileLists:
 
     # --- rasterizing -----------------------------------------------------------------------
 
-    def color(self, products: frozenset[str] = frozenset()) -> tuple[F32, F32 | None]:
+    def color(
+        self,
+        products: frozenset[str] = frozenset(),
+        mattes: Mapping[str, MatteGroups] = MappingProxyType({}),
+        rank: int = RANK,
+    ) -> tuple[F32, F32 | None]:
         """Draw colour. It must be drawn before other products.
 
         Args:
             products: The PRODUCTS that will be requested. If contributions are evaluated one by
                 one, a single walk finds them for all products.
+            mattes: The layers of Cryptomatte that will be requested, and their groups. Each layer
+                after the first takes a further walk.
+            rank: Number of pairs of id and coverage in a layer.
 
         Returns:
             Premultiplied RGBA in the blend space, shape (h, w, 4), and the transmittance, shape
             (h, w), if it differs from 1 - A, else None.
         """
+        self._mattes, self._rank_pairs = mattes, rank_pairs(rank)
         if self._walks:
             color = self._buffers.color
             image, through = color.image(*self.shape), color.through(*self.shape)
             self._walked = {name: self._room(name) for name in products}
-            self._walk(products | {"color"}, color=image, through=through, **self._walked)
+            out = {"color": image, "through": through, **self._walked}
+            first, *others = [*mattes, ""]  # "" for a walk without a layer
+            if first:
+                out["prims"] = self._walked[first] = self._matte_room(first)
+            wanted = products | {"color"} | ({"prims"} if first else set())
+            self._walk(wanted, layer=first, **out)
+            for layer in filter(None, others):
+                self._walked[layer] = self._matte_room(layer)
+                self._walk({"prims"}, layer=layer, prims=self._walked[layer])
             self._color, self._through = image, through
             return image, through
         self._color, self._through = self._blend("color", self._splats.records, project.RED), None
@@ -215,28 +198,34 @@ class TileLists:
             run(median.hold_depth, ranks, NO_DEPTH, self._occluders.depth, depth)
         return depth, ids
 
-    def weigh(self) -> tuple[I32, F32]:
-        """Return the prims that contribute most, and their contributions, shapes (h, w,
-        weigh.RANKS)."""
-        if self._walks:
-            return self._walked["prims"]
-        splats = self._splats
-        ids, weights = self._room("prims")
-        self._device.run(
-            weigh.weigh, splats.records, splats.labels, len(splats.layout.prims), self._starts,
-            self._lists, self._grid, splats.ray_hits, self._occluders.depth, splats.is_parallel,
-            ids, weights,
-        )  # fmt: skip
-        return ids, weights
+    def weigh(self, layer: str) -> tuple[I32, F32]:
+        """Return the groups of a layer of Cryptomatte that contribute most, and their
+        contributions, shapes (h, w, kept), see `MatteBuffers`.
 
-    def deep(self, error: float) -> DeepSamples:
+        `color` must have been called with the layer.
+        """
+        if self._walks:
+            return self._walked[layer]
+        splats = self._splats
+        labels, count = self._labels(layer)
+        groups, weights = self._matte_room(layer)
+        self._device.run(
+            weigh.weigh, splats.records, labels, count, self._starts, self._lists, self._grid,
+            splats.ray_hits, self._occluders.depth, splats.is_parallel, groups, weights,
+        )  # fmt: skip
+        return groups, weights
+
+    def deep(self, error: float, ids: tuple[str, ...] = ()) -> DeepSamples:
         """Return deep samples: every contribution, or merged runs of contributions.
 
         Splats must be in a linear blend space.
 
         Args:
-            error: See `RenderSettings.deep_error`.
+            error: See `RenderSettings.deep_error`. It must be 0 with ids, because the samples of a
+                run could have different ids.
+            ids: The ids of samples that are needed, of DEEP_IDS and in its order.
         """
+        assert not (ids and error > 0)
         resident, fetch = self._device.resident, self._device.fetch
         held = resident(self.shape, np.uint32)
         walks = self._walks or self._occluders.depth.size > 0
@@ -246,23 +235,58 @@ class TileLists:
             self._deep(error, False, np.empty(0, np.int64), held, NO_DEEP)
         offsets = self._buffers.pixels.deep_offsets(*self.shape)
         total = int(self._device.run(deep.place, held, offsets))
-        memory = self._buffers.samples.take((5 if error == 0 else 6) * total)
-        color = memory[: 4 * total].reshape((total, 4))
-        near = memory[4 * total : 5 * total]
-        far = near if error == 0 else memory[5 * total :]
         left = np.broadcast_to(np.float32(1), self.shape)
-        if walks:
-            left = left.copy()
-            self._walk(
-                {"deep"}, error=error, offsets=offsets, through=left, deep=(near, far, color)
-            )
-        else:
-            self._deep(error, True, offsets, held, (near, far, color))
+        left = left.copy() if walks else left
+
+        def drawn(tiles: TileLists) -> tuple[F32, F32, F32]:
+            memory = self._buffers.samples.take((5 if error == 0 else 6) * total)
+            color = memory[: 4 * total].reshape((total, 4))
+            near = memory[4 * total : 5 * total]
+            far = near if error == 0 else memory[5 * total :]
+            out = near, far, color
+            if walks:
+                tiles._walk({"deep"}, error=error, offsets=offsets, through=left, deep=out)
+            else:
+                tiles._deep(error, True, offsets, held, out)
+            return out
+
+        near, far, color = drawn(self)
         depth = fetch(near)
         back = depth if far is near else fetch(far)
-        return DeepSamples(fetch(held), depth, back, fetch(color), left)
+        samples = DeepSamples(fetch(held), depth, back, fetch(color), left)
+        if not ids:
+            return samples
+        numbered = copy.copy(self)
+        numbered._splats = replace(self._splats, records=self._numbered())
+        found = self._ids_of(drawn(numbered)[2], ids)
+        return replace(samples, ids=found, id_names=ids, prims=self._splats.layout.prims)
 
     # --- private ---------------------------------------------------------------------------
+
+    def _numbered(self) -> F32:
+        """Return the splats' records with ranks in place of colours, see `kernels.deep_ids`."""
+        held, splats = self._buffers.splats.numbered, self._splats
+        out = held(splats.records.shape[0])
+        if held.content is not splats.stamp:
+            self._device.run(deep_ids.number, splats.records, out)
+            held.content = splats.stamp
+        return out
+
+    def _ids_of(self, color: F32, names: tuple[str, ...]) -> I32:
+        """Return the ids of deep samples that were drawn with numbered records, shape (n, k)."""
+        run, keep, splats, n = self._device.run, self._device.keep, self._splats, color.shape[0]
+        resident = self._device.resident
+        if n == 0:
+            return np.empty((0, len(names)), np.int32)
+        ranks, ids = resident((n, 1), np.int32), resident((4, n, 1), np.int32)
+        run(deep_ids.read_ranks, color, splats.records.shape[0], ranks)
+        run(
+            median.resolve, ranks, splats.records, splats.order, splats.sources,
+            keep(splats.layout.first_slots), keep(splats.layout.labels),
+            resident((n, 1), np.float32), ids,
+        )  # fmt: skip
+        columns = [DEEP_IDS.index(name) for name in names]
+        return np.ascontiguousarray(self._device.fetch(ids)[columns, :, 0].T)
 
     def _room(self, name: str) -> Any:
         """Return the buffers for one of PRODUCTS."""
@@ -270,10 +294,24 @@ class TileLists:
         if name in PARTS:
             nearest = self._buffers.nearest(name)
             return nearest.ranks(*shape), nearest.ray_depths(*shape)
-        if name == "prims":
-            pixels = self._buffers.pixels
-            return pixels.prims(*shape), pixels.weights(*shape)
         return self._buffers.image(name).image(*shape)
+
+    def _matte_room(self, layer: str) -> tuple[I32, F32]:
+        """Return the buffers for one layer of Cryptomatte."""
+        buffers, shape = self._buffers.matte(layer), (*self.shape, self._rank_pairs)
+        return buffers.prims(*shape), buffers.weights(*shape)
+
+    def _labels(self, layer: str) -> tuple[I32, int]:
+        """Return the group of each splat in a layer of Cryptomatte, and the number of groups; empty
+        without a layer."""
+        if not layer:
+            return self._buffers.splats.groups(0), 0
+        groups, labels = self._mattes[layer], self._splats.labels
+        out = self._buffers.splats.groups(labels.shape[0])
+        if labels.shape[0] > 0:
+            of_prims = self._device.keep(groups.of_prims)
+            self._device.run(cryptomatte.regroup, labels, of_prims, out)
+        return out, len(groups.names)
 
     def _blend(self, name: str, paints: F32, column: int) -> F32:
         """Blend three numbers of each splat in order of depth of the centres, shape (h, w, 4)."""
@@ -304,13 +342,16 @@ class TileLists:
             np.float32(error), writes, offsets, counts, *samples,
         )  # fmt: skip
 
-    def _walk(self, wanted: AbstractSet[str], *, error: float = 0.0, **out: Any) -> None:
+    def _walk(
+        self, wanted: AbstractSet[str], *, error: float = 0.0, layer: str = "", **out: Any
+    ) -> None:
         """Walk all pixels once for all `wanted` products. `out` has the arrays that the walk reads
-        and writes."""
+        and writes; "prims" are those of the `layer` of Cryptomatte."""
         splats = self._splats
+        labels, count = self._labels(layer)
         options = (
             sum(WANTS[name] for name in wanted), self._sort_by_ray_hit, splats.is_parallel,
-            len(splats.layout.prims), np.float32(error), np.float32(splats.near),
+            count, np.float32(error), np.float32(splats.near),
         )  # fmt: skip
         no_image, no_ranks = np.empty((0, 0, 4), np.float32), np.empty((0, 0), np.int32)
         no_prims = np.empty((0, 0, weigh.RANKS), np.int32)
@@ -328,7 +369,7 @@ class TileLists:
             "deep": NO_DEEP,
         }
         self._device.run(
-            walk.walk, options, splats.records, splats.features, splats.keeps, splats.labels,
-            self._starts, self._lists, self._grid, splats.ray_hits, self._occluders.depth,
+            walk.walk, options, splats.records, splats.features, splats.keeps, labels, self._starts,
+            self._lists, self._grid, splats.ray_hits, self._occluders.depth,
             self._occluders.covered, self._occluders.holdout, tuple((nothing | out).values()),
         )  # fmt: skip

@@ -7,11 +7,8 @@ The import never fails: `registration` describes what happens if it comes too la
 from __future__ import annotations
 
 from usdsplat.schema import registration, tokens
-
-registration.register()
-
-from usdsplat.schema.extent import compute_extent  # noqa: E402
-from usdsplat.schema.field import (  # noqa: E402
+from usdsplat.schema.extent import compute_extent
+from usdsplat.schema.field import (
     author,
     error_bounds,
     fetch,
@@ -22,8 +19,8 @@ from usdsplat.schema.field import (  # noqa: E402
     is_time_varying,
     sample_times,
 )
-from usdsplat.schema.grading import author_grade, grade, is_grade_varying  # noqa: E402
-from usdsplat.schema.hints import (  # noqa: E402
+from usdsplat.schema.grading import author_grade, grade, has_grade, is_grade_varying
+from usdsplat.schema.hints import (
     DrawingHints,
     color_space,
     footprint,
@@ -32,12 +29,14 @@ from usdsplat.schema.hints import (  # noqa: E402
     rasterize_mode,
     sorting_mode,
 )
-from usdsplat.schema.packing import harmonics_width  # noqa: E402
-from usdsplat.schema.proxy import place as place_proxy  # noqa: E402
-from usdsplat.schema.proxy import settle as settle_proxy  # noqa: E402
-from usdsplat.schema.tokens import DATA_ATTRIBUTES, GRADE_ATTRIBUTES, Form  # noqa: E402
-from usdsplat.schema.validation import Finding, broken_rules, validate  # noqa: E402
-from usdsplat.schema.vt import empty  # noqa: E402
+from usdsplat.schema.packing import harmonics_width
+from usdsplat.schema.proxy import place as place_proxy
+from usdsplat.schema.proxy import settle as settle_proxy
+from usdsplat.schema.tokens import DATA_ATTRIBUTES, GRADE_ATTRIBUTES, Form
+from usdsplat.schema.validation import Finding, broken_rules, validate
+from usdsplat.schema.vt import empty
+
+registration.register()
 
 __all__ = [
     "DATA_ATTRIBUTES",
@@ -58,6 +57,7 @@ __all__ = [
     "form_of",
     "grade",
     "harmonics_width",
+    "has_grade",
     "is_grade_varying",
     "is_known_color_space",
     "is_packed",

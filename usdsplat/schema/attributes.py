@@ -75,7 +75,11 @@ def sample_times(prim: Usd.Prim, names: Iterable[str]) -> list[float]:
 def array(prim: Usd.Prim, name: str, code: Usd.TimeCode) -> Array | None:
     """Return the value of an array attribute, without a copy where possible, or None."""
     attribute = prim.GetAttribute(name)
-    value = attribute.Get(code) if attribute else None
+    return as_array(attribute.Get(code)) if attribute else None
+
+
+def as_array(value: Any) -> Array | None:
+    """Return a value of USD as an array, without a copy where possible; None if it is not one."""
     return from_vt(value) if _is_array(value) else None
 
 

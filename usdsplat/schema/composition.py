@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable, Iterator
 
 from pxr import Pcp, Usd
 
 from usdsplat.core.findings import Finding, finding
 from usdsplat.schema.metrics import metrics_findings
+from usdsplat.schema.stage_values import in_world
+from usdsplat.schema.value_clips import clip_assets
 
 _ASSET = re.compile(r"Could not open asset @(.*?)@ for (\w+) introduced by .*?( -- .*)?$")
 _SUBLAYER = re.compile(r"Could not load sublayer @(.*?)@ of layer @(.*?)@(.*)")
@@ -19,8 +22,15 @@ _ANONYMOUS = re.compile(r",?@anon:[^@]*@")
 
 def composition_findings(stage: Usd.Stage) -> list[Finding]:
     """Return what the arcs of a stage ask for and do not get: a finding for each composition error,
-    except muted layers, and for each asset with another unit or up axis; by path."""
-    found = [*_errors(stage), *metrics_findings(stage)]
+    except muted layers, each missing file of a value clip, each asset with another unit or up axis,
+    and each instance with opinions below it, which USD ignores; by path."""
+    prims = list(in_world(stage))
+    found = [
+        *_errors(stage),
+        *metrics_findings(stage, prims),
+        *_clips(prims),
+        *_ignored(stage, prims),
+    ]
     once = {each.key: each for each in found}
     return sorted(once.values(), key=lambda each: (each.path, each.found))
 
@@ -43,6 +53,28 @@ def _errors(stage: Usd.Stage) -> list[Finding]:
     known = {str(error) for _, error in placed}
     placed += [(_site(error), error) for error in errors if str(error) not in known]
     return [_finding(path, error) for path, error in placed]
+
+
+def _clips(prims: Iterable[Usd.Prim]) -> Iterator[Finding]:
+    """Yield a finding for each missing file of a value clip."""
+    for prim, asset in clip_assets(prims):
+        if not asset.resolvedPath:
+            found = f"no file {asset.path} for a value clip"
+            yield finding("missing-asset", str(prim.GetPath()), found, "a layer that USD can read")
+
+
+def _ignored(stage: Usd.Stage, prims: Iterable[Usd.Prim]) -> Iterator[Finding]:
+    """Yield a finding for each instance below which the stage's own layers have opinions."""
+    layers = stage.GetLayerStack()
+    for prim in prims:
+        if prim.IsInstance() and not prim.IsInstanceProxy():
+            specs = filter(None, (layer.GetPrimAtPath(prim.GetPath()) for layer in layers))
+            names = sorted({child.name for spec in specs for child in spec.nameChildren})
+            if names:
+                found = f"opinions on {', '.join(names)} below an instanceable prim"
+                yield finding(
+                    "ignored-opinion", str(prim.GetPath()), found, "none: USD ignores them"
+                )
 
 
 def _finding(path: str, error: Pcp.ErrorBase) -> Finding:

@@ -1,4 +1,8 @@
-"""Read and write the grade of a splat field (SplatGradeAPI)."""
+"""Read and write the grade of a splat field (SplatGradeAPI).
+
+A field inherits each value that it does not have from its nearest ancestor that has it, so that an
+asset can be graded on its model prim.
+"""
 
 from __future__ import annotations
 
@@ -26,19 +30,20 @@ _ATTRIBUTES = {
 
 
 def grade(prim: Usd.Prim, time: Time = None) -> Grade:
-    """Return the grade of a field.
+    """Return the grade of a field: each value is its own, or else that of its nearest ancestor.
 
     Args:
         prim: A splat field.
         time: Time code; None is the default value or, without one, the first sample.
 
     Raises:
-        StageError: If a value is out of range, not finite or of the wrong type.
+        StageError: If a value is out of range, not finite or of the wrong type; it names the prim
+            that has the value.
     """
     values: dict[str, Any] = {}
     for field, (name, kind) in _ATTRIBUTES.items():
-        attribute = prim.GetAttribute(name)
-        if not attribute or not attribute.HasAuthoredValue():
+        attribute = _nearest(prim, name)
+        if attribute is None:
             continue
         value = _value(attribute, time)
         if value is None:
@@ -47,17 +52,18 @@ def grade(prim: Usd.Prim, time: Time = None) -> Grade:
             values[field] = _numbers(field, value)
         except (TypeError, ValueError) as error:
             found = f"a value of type {attribute.GetTypeName()}"
-            raise StageError(f"{prim.GetPath()} {name}", found, str(kind)) from error
-    result = Grade(**values)
-    result.check(f"{prim.GetPath()} {_PREFIX}", error=StageError)
-    return result
+            where = f"{attribute.GetPrim().GetPath()} {name}"
+            raise StageError(where, found, str(kind)) from error
+        where = f"{attribute.GetPrim().GetPath()} {_PREFIX}"
+        Grade(**{field: values[field]}).check(where, error=StageError)
+    return Grade(**values)
 
 
 def author_grade(prim: Usd.Prim, *, time: Time = None, **values: Any) -> None:
     """Apply SplatGradeAPI and write its attributes on the stage's edit target.
 
     Args:
-        prim: A splat field.
+        prim: A splat field, or a prim above fields.
         time: Time code of a sample; None writes default values and removes samples.
         values: Fields of `Grade`; omitted ones stay unchanged.
 
@@ -78,8 +84,23 @@ def author_grade(prim: Usd.Prim, *, time: Time = None, **values: Any) -> None:
 
 def is_grade_varying(prim: Usd.Prim) -> bool:
     """Return whether `grade` may return different values at different times."""
-    found = (prim.GetAttribute(name) for name in tokens.GRADE_ATTRIBUTES)
+    found = (_nearest(prim, name) for name in tokens.GRADE_ATTRIBUTES)
     return any(attribute and attribute.ValueMightBeTimeVarying() for attribute in found)
+
+
+def has_grade(prim: Usd.Prim) -> bool:
+    """Return whether a prim has an own opinion on a grade, for itself or the fields below it."""
+    return bool(prim.GetAuthoredPropertiesInNamespace(_PREFIX.rstrip(":")))
+
+
+def _nearest(prim: Usd.Prim, name: str) -> Usd.Attribute | None:
+    """Return the attribute of a prim or its nearest ancestor that is authored, or None."""
+    while prim and not prim.IsPseudoRoot():
+        attribute = prim.GetAttribute(name)
+        if attribute and attribute.HasAuthoredValue():
+            return attribute
+        prim = prim.GetParent()
+    return None
 
 
 def _value(attribute: Usd.Attribute, time: Time) -> Any:

@@ -7,14 +7,15 @@ its scale or rotation, or by the ops that metrics assemblers write, such as
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 import numpy as np
-from pxr import Pcp, Sdf, Tf, Usd, UsdGeom
+from pxr import Pcp, Sdf, Usd, UsdGeom
 
 from usdsplat.core.cloud import F64
+from usdsplat.core.errors import StageError
 from usdsplat.core.findings import Finding, finding
-from usdsplat.schema.stage_values import UP_AXES
+from usdsplat.schema.stage_values import UP_AXES, local_transform, op_names
 
 RESOLVED = "unitsResolve"
 """Suffix of the ops of metrics assemblers."""
@@ -25,10 +26,15 @@ _UNIT, _AXIS = UsdGeom.Tokens.metersPerUnit, UsdGeom.Tokens.upAxis
 _ARCS = (Pcp.ArcTypeReference, Pcp.ArcTypePayload)
 
 
-def metrics_findings(stage: Usd.Stage) -> Iterator[Finding]:
+def metrics_findings(stage: Usd.Stage, prims: Iterable[Usd.Prim]) -> Iterator[Finding]:
     """Yield a finding for each referenced asset whose authored unit or up axis is another than that
-    of the layer that refers to it, unless a transform corrects it."""
-    layers = [layer.pseudoRoot for layer in stage.GetUsedLayers()]
+    of the layer that refers to it, unless a transform corrects it.
+
+    Args:
+        stage: The stage.
+        prims: Its prims, see `in_world`.
+    """
+    layers = [layer.pseudoRoot for layer in stage.GetUsedLayers(False)]
     varies = [
         name
         for name in (_UNIT, _AXIS)
@@ -36,7 +42,7 @@ def metrics_findings(stage: Usd.Stage) -> Iterator[Finding]:
     ]
     if not varies:
         return
-    for prim in stage.Traverse():
+    for prim in prims:
         if prim.HasAuthoredReferences() or prim.HasAuthoredPayloads():
             yield from _of_prim(prim, varies)
 
@@ -49,7 +55,7 @@ def _of_prim(prim: Usd.Prim, names: list[str]) -> Iterator[Finding]:
         asset = _root_layer(arc.GetTargetNode())
         shot = _root_layer(arc.GetIntroducingNode())
         differing = [name for name in names if _differs(name, asset, shot)]
-        if not differing or not _is_visible(prim):
+        if not differing or not _has_size(prim):
             continue
         ops, places = _transforms(prim)
         if _UNIT in differing and not (
@@ -95,7 +101,7 @@ def _ratio(asset: Sdf.Layer, shot: Sdf.Layer) -> float:
     return _unit(asset) / _unit(shot) if _unit(shot) else np.inf
 
 
-def _is_visible(prim: Usd.Prim) -> bool:
+def _has_size(prim: Usd.Prim) -> bool:
     """Return whether there is something with a size at or below a prim."""
     below = Usd.PrimRange(prim, Usd.TraverseInstanceProxies())
     return any(each.IsA(UsdGeom.Boundable) for each in below)
@@ -104,14 +110,14 @@ def _is_visible(prim: Usd.Prim) -> bool:
 def _transforms(prim: Usd.Prim) -> tuple[list[str], list[F64]]:
     """Return the names of the ops of a prim and its ancestors, and the linear parts of its matrices
     to each of its ancestors, shape (3, 3), for row vectors."""
-    cache, ops, places = UsdGeom.XformCache(Usd.TimeCode.EarliestTime()), [], []
+    ops: list[str] = []
+    places: list[F64] = []
     place = np.eye(3)
     while prim and not prim.IsPseudoRoot():
-        attribute = prim.GetAttribute(UsdGeom.Tokens.xformOpOrder)
-        ops += [str(op) for op in (attribute.Get() if attribute else None) or ()]
+        ops += op_names(prim)
         try:
-            matrix, _ = cache.GetLocalTransformation(prim)
-        except Tf.ErrorException:  # reported where the prim is drawn
+            matrix = local_transform(prim, Usd.TimeCode.EarliestTime())
+        except StageError:  # reported where the prim is drawn
             break
         place = place @ np.array(matrix)[:3, :3]
         places.append(place)

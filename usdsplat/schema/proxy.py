@@ -11,6 +11,8 @@ Files of 0.6 have the proxy below the field, as `proxy`.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 from pxr import Sdf, Usd, UsdGeom, Vt
 
@@ -18,11 +20,13 @@ from usdsplat.core.cloud import SplatCloud
 from usdsplat.core.sh import dc_to_rgb
 from usdsplat.schema import tokens
 from usdsplat.schema.attributes import set_array, set_uniform
+from usdsplat.schema.stage_values import op_names
 from usdsplat.schema.vt import to_vt
 
 MAX_POINTS = 10_000
 
 _POINTS = "Points"
+_PROXY = UsdGeom.Tokens.proxy
 _Type = Sdf.ValueTypeNames
 
 
@@ -98,7 +102,8 @@ def place(field: Usd.Prim, points: Usd.Prim | None = None) -> None:
     if not points:
         return
     xformable = UsdGeom.Xformable(field)
-    copied = {op.GetAttr().GetName(): op.GetAttr() for op in xformable.GetOrderedXformOps()}
+    names = (name.removeprefix("!invert!") for name in op_names(field))
+    copied = {name: field.GetAttribute(name) for name in names if name and field.HasAttribute(name)}
     for attribute in (xformable.GetXformOpOrderAttr(), xformable.GetVisibilityAttr()):
         if attribute.HasAuthoredValue():
             copied[attribute.GetName()] = attribute
@@ -137,7 +142,7 @@ def settle(prim: Usd.Prim) -> None:
     stage, target = prim.GetStage(), prim.GetStage().GetEditTarget()
     layer = target.GetLayer()
     source, copy = target.MapToSpecPath(child.GetPath()), target.MapToSpecPath(path)
-    if Sdf.CopySpec(layer, source, layer, copy):
+    if layer.GetPrimAtPath(source) and Sdf.CopySpec(layer, source, layer, copy):
         stage.RemovePrim(child.GetPath())
         prim.GetRelationship(tokens.PROXY_PRIM).SetTargets([path])
         place(prim)
@@ -147,6 +152,12 @@ def child_of(prim: Usd.Prim) -> Usd.Prim | None:
     """Return the proxy that 0.6 wrote below a field, or None."""
     child = prim.GetChild(tokens.PROXY_CHILD)
     return child if _is_proxy(child) else None
+
+
+def points_of(prims: Iterable[Usd.Prim]) -> list[Usd.Prim]:
+    """Return the points among prims, without proxies."""
+    found = [prim for prim in prims if prim.IsA(UsdGeom.Points)]
+    return [each for each in found if UsdGeom.Imageable(each).ComputePurpose() != _PROXY]
 
 
 def _is_proxy(prim: Usd.Prim) -> bool:

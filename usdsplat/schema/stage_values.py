@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator
 from typing import Any, Literal, cast
 
 import numpy as np
-from pxr import Gf, Tf, Usd, UsdGeom
+from pxr import Gf, Sdf, Tf, Usd, UsdGeom, Vt
 
 from usdsplat.core.errors import StageError
 
@@ -26,6 +26,19 @@ EXPECTED_OPS = "transform ops of UsdGeomXformable"
 """Words for what `xformOpOrder` may have, in findings and errors."""
 _INVERSE = "!invert!"
 _RESET = "!resetXformStack!"
+
+
+def in_world(stage: Usd.Stage) -> Iterator[Usd.Prim]:
+    """Yield the prims of a stage as they are seen in the world, what is in equal instances once."""
+    seen: set[Sdf.Path] = set()
+    prims = iter(Usd.PrimRange.Stage(stage, Usd.TraverseInstanceProxies()))
+    for prim in prims:
+        yield prim
+        if prim.IsInstance():
+            prototype = prim.GetPrototype().GetPath()
+            if prototype in seen:
+                prims.PruneChildren()
+            seen.add(prototype)
 
 
 def up_axis(stage: Usd.Stage) -> UpAxis:
@@ -96,16 +109,68 @@ def world_bound(prim: Usd.Prim, cache: UsdGeom.BBoxCache) -> Gf.BBox3d:
         raise _bad_op(prim, below=True) from None
 
 
+def local_transform(prim: Usd.Prim, time: Usd.TimeCode) -> Gf.Matrix4d:
+    """Return the transform from a prim to its parent.
+
+    Raises:
+        StageError: If the prim has a transform op that USD does not know.
+    """
+    try:
+        return UsdGeom.Xformable(prim).GetLocalTransformation(time)
+    except Tf.ErrorException:
+        raise _bad_op(prim) from None
+
+
+def ordered_ops(prim: Usd.Prim) -> list[UsdGeom.XformOp]:
+    """Return the transform ops of a prim.
+
+    Raises:
+        StageError: If it has one that USD does not know.
+    """
+    try:
+        return list(UsdGeom.Xformable(prim).GetOrderedXformOps())
+    except Tf.ErrorException:
+        raise _bad_op(prim) from None
+
+
+def op_names(prim: Usd.Prim) -> list[str]:
+    """Return the names in the transform order of a prim; none if it is not an array of tokens."""
+    attribute = prim.GetAttribute(UsdGeom.Tokens.xformOpOrder)
+    order = attribute.Get() if attribute else None
+    return [str(op) for op in order] if isinstance(order, Vt.TokenArray) else []
+
+
+def may_move(prim: Usd.Prim) -> bool:
+    """Return whether the own transform of a prim may vary over time; False if USD cannot tell."""
+    xformable = UsdGeom.Xformable(prim)
+    try:
+        return bool(xformable) and bool(xformable.TransformMightBeTimeVarying())
+    except Tf.ErrorException:
+        return False
+
+
+def extents_hint(model: UsdGeom.ModelAPI, cache: UsdGeom.BBoxCache) -> Vt.Vec3fArray:
+    """Return the bounds of a model for each purpose, see UsdGeomModelAPI.
+
+    Raises:
+        StageError: If a prim at or below the model has a transform op that USD does not know.
+    """
+    try:
+        return model.ComputeExtentsHint(cache)
+    except Tf.ErrorException:
+        cache.Clear()
+        raise _bad_op(model.GetPrim(), below=True) from None
+
+
 def unknown_ops(prim: Usd.Prim) -> Iterator[str]:
     """Yield the transform ops of a prim that USD does not know, or that have no attribute."""
-    order = prim.GetAttribute("xformOpOrder").Get() if prim.HasAttribute("xformOpOrder") else None
-    for op in order or ():
-        name = str(op).removeprefix(_INVERSE)
+    for op in op_names(prim):
+        name = op.removeprefix(_INVERSE)
         if name == _RESET:
             continue
         kind = name.split(":")[1] if name.startswith("xformOp:") else ""
         if kind not in _OPS or not prim.HasAttribute(name):
-            yield str(op)
+            yield op
 
 
 def are_finite(value: Any) -> bool:

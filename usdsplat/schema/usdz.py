@@ -7,7 +7,6 @@ Source: "Usdz File Format Specification" of OpenUSD; "APPNOTE.TXT" of PKWARE.
 
 from __future__ import annotations
 
-import os
 import struct
 import time
 import zlib
@@ -15,6 +14,7 @@ from collections.abc import Iterable
 from typing import IO, BinaryIO
 
 from usdsplat.core.errors import OutputError
+from usdsplat.core.source_date import source_date
 
 ALIGNMENT = 64
 END = b"PK\5\6"
@@ -28,6 +28,8 @@ _PADDING = 0x1986
 _VERSION = 10
 _UTF8 = 0x800
 _LARGEST = (1 << 32) - 1
+_MOST = (1 << 16) - 1
+"""Largest number of members of a zip file without the extensions that a .usdz cannot have."""
 _BLOCK = 1 << 20
 _FIRST_DATE = (1980, 1, 1, 0, 0, 0)
 _LAST_DATE = (2107, 12, 31, 23, 59, 58)
@@ -42,11 +44,14 @@ def write(file: BinaryIO, members: Iterable[tuple[str, IO[bytes]]], *, where: st
         where: Name of the package, for messages.
 
     Raises:
-        OutputError: If it would be larger than 4 GiB, which a .usdz cannot be.
+        OutputError: If it would be larger than 4 GiB or have more than 65,535 members, which a
+            .usdz cannot.
     """
     moment = _dos_time()
     entries: list[bytes] = []
     for name, source in members:
+        if len(entries) == _MOST:
+            raise OutputError(where, f"more than {_MOST} files to pack", "fewer, or a .usdc")
         begin, text = file.tell(), name.encode()
         extra = _padding(begin + _LOCAL.size + len(text))
         file.seek(begin + _LOCAL.size)
@@ -87,7 +92,7 @@ def _padding(start: int) -> bytes:
 
 def _dos_time() -> tuple[int, int]:
     """Return time and date of all members, in the form of zip files."""
-    text = os.environ.get("SOURCE_DATE_EPOCH", "")
-    found = time.gmtime(int(text))[:6] if text.isdecimal() and len(text) < 12 else _FIRST_DATE
+    date = source_date()
+    found = _FIRST_DATE if date is None else time.gmtime(date)[:6]
     year, month, day, hour, minute, second = min(max(found, _FIRST_DATE), _LAST_DATE)
     return hour << 11 | minute << 5 | second // 2, year - 1980 << 9 | month << 5 | day

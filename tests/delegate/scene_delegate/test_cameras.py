@@ -167,7 +167,7 @@ def test_a_shutter_that_closes_first_is_said_and_the_camera_is_still(stage):
     with Engine(stage) as engine:
         assert engine.view("/Rig/Camera").camera.shutter == (0.0, 0.0)
         (sentence,) = engine.warnings
-        assert sentence.startswith("/Rig/Camera.shutter:open and shutter:close: found (0.5, 0)")
+        assert sentence.startswith("/Rig/Camera shutter:open and shutter:close: found (0.5, 0)")
         camera.CreateShutterCloseAttr(0.75)
         assert engine.warnings == ()
         camera.CreateShutterCloseAttr(math.nan)

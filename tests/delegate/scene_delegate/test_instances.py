@@ -273,3 +273,16 @@ def test_masks_may_be_animated():
         assert set(matrices(engine)) == {("/Asset/Splats", number) for number in (0, 2)}
         engine.set_time(2)
         assert set(matrices(engine)) == {("/Asset/Splats", 0)}
+
+
+@pytest.mark.parametrize("name", ["protoIndices", "positions"])
+def test_arrays_of_another_type_are_a_finding(name):
+    """Oracle: the type authored here, over that of the schema."""
+    stage = Usd.Stage.CreateInMemory()
+    text = f'#usda 1.0\ndef PointInstancer "Scatter"\n{{\n    float {name} = 2\n}}\n'
+    stage.GetRootLayer().ImportFromString(text)
+    with Engine(stage) as engine:
+        engine.sync()
+        (found,) = engine.findings
+    assert (found.code, found.path) == ("bad-instancer", "/Scatter")
+    assert "a value of type float" in found.found

@@ -209,16 +209,16 @@ def test_deep_products_and_parts_are_asked_for_by_product(stage):
 @pytest.mark.parametrize(
     ("beauty", "alpha", "depth", "expected"),
     [
-        (None, None, None, ""),
-        (None, None, "half", ""),
-        ("color3h", None, None, "half"),
-        ("half3", "half", "float", "half"),
-        ("color4h", "float", None, "float"),
-        ("color3f", None, None, "float"),
-        ("color3d", None, None, "float"),
+        (None, None, None, {}),
+        (None, None, "half", {"depth": "half"}),
+        ("color3h", None, None, {"color": "half"}),
+        ("half3", "half", "float", {"color": "half", "alpha": "half", "depth": "float"}),
+        ("color4h", "float", None, {"color": "half", "alpha": "float"}),
+        ("color3f", None, None, {"color": "float"}),
+        ("color3d", None, None, {"color": "float"}),
     ],
 )
-def test_colour_has_the_precision_its_vars_ask_for(stage, beauty, alpha, depth, expected):
+def test_channels_have_the_precision_their_vars_ask_for(stage, beauty, alpha, depth, expected):
     """Oracle: the list above; a type that nobody authors is no wish."""
     for name, value in (("beauty", beauty), ("alpha", alpha), ("depth", depth)):
         if value:
@@ -226,7 +226,63 @@ def test_colour_has_the_precision_its_vars_ask_for(stage, beauty, alpha, depth, 
             var.CreateDataTypeAttr(value)
     with Engine(stage) as engine:
         _, own = engine.products()
-    assert own.pixel_type == expected
+    assert dict(own.pixel_types) == expected
+
+
+def test_solaris_states_the_type_of_the_file_apart_from_that_of_the_data(stage):
+    """Oracle: the attribute that Solaris' Render Var authors beside dataType."""
+    var = UsdRender.Var(stage.GetPrimAtPath("/Render/beauty"))
+    var.CreateDataTypeAttr("color4f")
+    name = "driver:parameters:aov:format"
+    var.GetPrim().CreateAttribute(name, Sdf.ValueTypeNames.Token).Set("color4h")
+    with Engine(stage) as engine:
+        _, own = engine.products()
+    assert dict(own.pixel_types) == {"color": "half"}
+
+
+def test_a_product_adds_entries_to_headers_as_for_husk(stage):
+    """Oracle: the values authored here; the names that Solaris gives them, and what is refused."""
+    own, kinds = stage.GetPrimAtPath("/Render/Own"), Sdf.ValueTypeNames
+    for name, kind, value in (
+        ("artist", kinds.String, "Ada"),
+        ("comment", kinds.String, ""),
+        ("aov:name", kinds.String, "no entry"),
+        ("OpenEXR:show", kinds.String, "abc"),
+        ("OpenEXR:take", kinds.Int, 7),
+        ("OpenEXR:gain", kinds.Float3, (1, 2, 3)),
+        ("OpenEXR:final", kinds.Bool, True),
+        ("OpenEXR:isoSpeed", kinds.Int, 800),
+        ("OpenEXR:compression", kinds.String, "piz"),
+        ("OpenEXR:dataWindow", kinds.String, "lies"),
+    ):
+        own.CreateAttribute(f"driver:parameters:{name}", kind).Set(value)
+    with Engine(stage) as engine:
+        _, product = engine.products()
+        assert dict(product.metadata) == {
+            "artist": "Ada", "show": "abc", "take": 7, "gain": (1.0, 2.0, 3.0), "final": 1,
+            "isoSpeed": 800.0,
+        }  # fmt: skip
+        assert product.settings.compression == "piz"
+        (found,) = (each for each in product.findings if each.code == "product-metadata")
+        assert found.attribute == "driver:parameters:OpenEXR:dataWindow"
+        own.GetAttribute("driver:parameters:OpenEXR:compression").Set("pxr24")
+        _, product = engine.products()
+    assert product.settings.compression == ""
+    assert "'pxr24'" in [each.found for each in product.findings]
+
+
+def test_channels_that_would_have_another_name_are_a_note(stage):
+    """Oracle: the name authored here, which Solaris gives each var."""
+    var = next(prim for prim in stage.Traverse() if prim.IsA(UsdRender.Var))
+    name = "driver:parameters:aov:name"
+    var.CreateAttribute(name, Sdf.ValueTypeNames.String).Set("mine")
+    with Engine(stage) as engine:
+        found = [each for product in engine.products() for each in product.findings]
+    named = [each for each in found if each.code == "unsupported-name"]
+    assert named
+    assert {(each.path, each.attribute, each.severity) for each in named} == {
+        (str(var.GetPath()), name, "note")
+    }
 
 
 def held_out(product, path):

@@ -163,7 +163,7 @@ def test_a_held_recording_goes_on(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("frames", "name", "sentence"),
     [
-        ([1.0, 2.0], "missing/b.usda", "a folder that can be made"),
+        ([1.0, 2.0], "there.usda/b.usda", "a folder that can be made"),
         ([1.0, 2.0], "there.usda", "a new name, or --resume or --force"),
         (None, "b.usda", "record: found a stage without a range, expected frames"),
     ],

@@ -364,4 +364,21 @@ def test_newborn_splats_of_scale_0_need_no_thickness(stage: Usd.Stage) -> None:
         schema.author(stage, "/Splats", replace(first, scales=flat, ids=np.array(ids)), time=2)
         (found,) = [each for each in validate(stage) if each.code == "zero-scale"]
         assert words in found.cure and found.time == 2
+        assert found.severity == ("note" if "none" in words else "warning")
         stage.RemovePrim(prim.GetPath())
+
+
+@pytest.mark.parametrize(("opacity", "severity"), [(0.0, "note"), (0.5, "warning")])
+def test_a_splat_of_scale_0_that_was_invisible_before_is_newborn(
+    stage: Usd.Stage, opacity: float, severity: str
+) -> None:
+    """Oracle: the rows of a bake, where a splat has a row of opacity 0 before its birth, and ids
+    are authored only where the number of rows changes."""
+    first = replace(cloud(n=3), ids=np.arange(3))
+    scales, opacities = first.scales.copy(), first.opacities.copy()
+    scales[2], opacities[2] = 0, opacity
+    prim = schema.author(stage, "/Splats", replace(first, opacities=opacities), time=1)
+    schema.author(stage, "/Splats", replace(first, scales=scales), time=2)
+    prim.GetAttribute(tokens.IDS).ClearAtTime(2)
+    (found,) = [each for each in validate(stage) if each.code == "zero-scale"]
+    assert (found.severity, found.time) == (severity, 2)

@@ -16,7 +16,7 @@ from usdsplat.core.cloud import SplatCloud
 from usdsplat.sim.parameters import BakeParameters
 from usdsplat.sim.stage.bake import Bake
 from usdsplat.sim.stage.plan import ARRAYS, BakedField
-from usdsplat.sim.stage.provenance import Provenance, input_hash, parameter_hash
+from usdsplat.sim.stage.provenance import Provenance, input_hash, parameter_hash, parameter_lines
 from usdsplat.sim.state import Frame, State
 
 PATH = "/World/Splats"
@@ -115,6 +115,7 @@ class Shot:
     def provenance(self) -> Provenance:
         return Provenance(
             param_hash=parameter_hash(self.stage, self.times),
+            parameters=parameter_lines(self.stage, self.times),
             input_hash=input_hash(self.stage),
             seed=self.seed,
             substeps=1,

@@ -10,6 +10,7 @@ import pytest
 from pxr import Sdf, Usd, Vt
 
 from tests.schema.clouds import cloud
+from tests.schema.test_value_clips import clipped
 from tests.sim.stage.bakes import PATH, save_stage
 from usdsplat.sim.stage.provenance import input_hash, parameter_hash
 
@@ -101,3 +102,13 @@ def test_every_file_of_a_stage_is_an_input(stage: Usd.Stage, tmp_path: Path) -> 
     sim(stage).GetAttribute("splatSim:rd:feed").Set(0.1)
     assert len(input_hash(stage)) == 3
     assert input_hash(stage, [stage.GetSessionLayer().identifier]) == tuple(expected)
+
+
+def test_a_clip_is_an_input_whether_it_was_read_or_not(tmp_path: Path) -> None:
+    """Oracle: the hash, of a stage that has read no clip yet and of the same one later."""
+    stage = clipped(tmp_path, "a.usdc")
+    before = input_hash(stage)
+    stage.GetAttributeAtPath("/F.positions").Get(1)
+    assert input_hash(stage) == before
+    digest = hashlib.sha256((tmp_path / "a.usdc").read_bytes()).hexdigest()
+    assert f"{digest}  a.usdc" in before

@@ -152,7 +152,10 @@ def changed_range(bake: Shot) -> None:
     ("change", "sentence"),
     [
         (changed_input, r"found other input files \(shot.usda\)"),
-        (changed_parameter, "found other parameters"),
+        (
+            changed_parameter,
+            rf"other parameters, the first is {PATH}\.splatSim:rd:feed, .*--set",
+        ),
         (changed_mode, "found another mode, packed, expected dense"),
         (changed_range, "found another frame range"),
     ],

@@ -77,12 +77,10 @@ def _lens_radius(lens: Gf.Camera) -> float:
 
 
 def _shutter(prim: Usd.Prim, time: Usd.TimeCode) -> tuple[float, float]:
-    """Return shutter open and close [time code], relative to the frame; 0 if blocked."""
+    """Return shutter open and close [time code], relative to the frame; 0 without a number."""
     camera = UsdGeom.Camera(prim)
-    opens, closes = (
-        attribute.Get(time) or 0.0
-        for attribute in (camera.GetShutterOpenAttr(), camera.GetShutterCloseAttr())
-    )
+    values = (camera.GetShutterOpenAttr().Get(time), camera.GetShutterCloseAttr().Get(time))
+    opens, closes = (found if isinstance(found, int | float) else 0.0 for found in values)
     return float(opens), float(closes)
 
 

@@ -17,6 +17,7 @@ from usdsplat.core.findings import Finding, finding, from_error
 from usdsplat.delegate.dirty_bits import DirtyBits
 from usdsplat.delegate.instancing import NO_INSTANCES, InstancerSpec, Placement
 from usdsplat.delegate.render_index import RenderIndex
+from usdsplat.delegate.rprim import Rprim
 from usdsplat.delegate.scene_delegate import placing
 from usdsplat.delegate.scene_delegate.cameras import read_camera, shutter_problem
 from usdsplat.delegate.scene_delegate.crops import read_crop
@@ -27,6 +28,7 @@ from usdsplat.delegate.scene_delegate.instancers import read_instancer
 from usdsplat.delegate.scene_delegate.lights import read_light
 from usdsplat.delegate.scene_delegate.meshes import MeshReader
 from usdsplat.delegate.scene_delegate.notices import Changes, NoticeListener
+from usdsplat.delegate.scene_delegate.points import is_points
 from usdsplat.delegate.scene_delegate.population import Appearance, Population, populate
 from usdsplat.delegate.scene_delegate.readings import Readings, Sources
 from usdsplat.delegate.scene_delegate.reconcile import reconcile
@@ -41,19 +43,17 @@ from usdsplat.delegate.scene_delegate.variability import varying_bits
 from usdsplat.delegate.stage_info import StageInfo
 from usdsplat.render.specs import CameraSpec, CropSpec, FieldSpec, LightSpec, MeshSpec
 from usdsplat.schema.stage_values import up_axis, up_axis_problem
+from usdsplat.schema.validation import errors_of_drawn
 
 T = TypeVar("T")
-
-_NOWHERE: F64 = np.full((4, 4), np.nan)
-"""Transform of an appearance that cannot be placed; it is not drawn."""
 
 LOG = logging.getLogger("usdsplat")
 """Logs each prim that is not drawn once, for Python users; commands print it too."""
 
-NOWHERE = np.full((4, 4), np.nan)
-"""Transform of a prim whose own cannot be read."""
+NOWHERE: F64 = np.full((4, 4), np.nan)
+"""Transform of an appearance that cannot be placed; it is not drawn."""
 
-CODES = {
+UNREADABLE = {
     "field": "not-drawn",
     "mesh": "not-drawn",
     "instancer": "bad-instancer",
@@ -115,9 +115,10 @@ class UsdSceneDelegate:
             found.append(from_error("bad-up-axis", wrong))
         for (path, kind), why in self.problems.items():
             if self._is_of_interest(path, kind):
-                found.append(from_error(CODES[kind], why))
-        for each in self._remarks.values():
-            found += each
+                found.append(from_error(UNREADABLE[kind], why))
+        for (path, kind), each in self._remarks.items():
+            if kind == "shutter" or self._rprim(path).is_wanted:
+                found += each
         for path, reader in self._meshes.items():
             if self._is_of_interest(path, "mesh") and (path, "mesh") not in self.problems:
                 found += reader.findings
@@ -226,7 +227,10 @@ class UsdSceneDelegate:
     def field(self, path: str) -> FieldSpec | None:
         """Implement `SceneDelegate.field`."""
         prim = self._population.fields[path].prim
-        return self._pull("field", path, partial(read_field, prim, self.time), None)
+        spec = self._pull("field", path, partial(read_field, prim, self.time), None)
+        wrong = [] if spec is None or is_points(prim) else errors_of_drawn(prim, self.time)
+        self._remark("values", path, *wrong)
+        return spec
 
     def mesh(self, path: str, bits: DirtyBits) -> MeshSpec | None:
         """Implement `SceneDelegate.mesh`."""
@@ -329,9 +333,11 @@ class UsdSceneDelegate:
     def _is_of_interest(self, path: str, kind: str) -> bool:
         """Return whether to report a problem: arrays of invisible prims are not read and may be
         broken."""
-        if kind == "mesh":
-            return self._index.meshes[path].is_seen
-        return kind != "field" or self._index.fields[path].is_seen
+        return kind not in ("mesh", "field") or self._rprim(path).is_seen
+
+    def _rprim(self, path: str) -> Rprim:
+        fields = self._index.fields
+        return fields[path] if path in fields else self._index.meshes[path]
 
     def _appearances(self, path: str) -> tuple[Appearance, ...]:
         known = self._population
@@ -364,6 +370,7 @@ def _is_in(population: Population, path: str, kind: str) -> bool:
     prims = {
         "field": population.fields,
         "crops": population.fields,
+        "values": population.fields,
         "mesh": population.meshes,
         "instancer": population.instancers,
         "camera": population.cameras,

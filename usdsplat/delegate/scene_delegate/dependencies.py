@@ -10,6 +10,8 @@ from pxr import Sdf, Usd
 from usdsplat import schema
 from usdsplat.delegate.dirty_bits import DirtyBits
 from usdsplat.delegate.scene_delegate.notices import Changes, is_color_space
+from usdsplat.delegate.scene_delegate.points import PROPERTIES as POINT_PROPERTIES
+from usdsplat.delegate.scene_delegate.points import is_points
 from usdsplat.delegate.scene_delegate.population import Level, Population, source_of
 from usdsplat.delegate.scene_delegate.volumes import SIZES
 
@@ -21,6 +23,7 @@ FIELD_PROPERTIES = (
         schema.tokens.FOOTPRINT,
         schema.tokens.PROJECTION_MODE,
         schema.tokens.SORTING_MODE,
+        *POINT_PROPERTIES,
     }
 )
 """Properties that a field is read from; it may have others."""
@@ -79,6 +82,8 @@ class Dependencies:
         self._read: dict[Sdf.Path, set[str]] = defaultdict(set)
         self._cropped: dict[Sdf.Path, set[str]] = defaultdict(set)
         self._meshes = population.meshes.keys()
+        self._fields = population.fields.keys()
+        self._points = {path for path, each in population.fields.items() if is_points(each.prim)}
         for path, entry in population.rprims():
             for appearance in entry.appearances:
                 self._add(path, appearance.levels, appearance.levels[-1].prim)
@@ -107,8 +112,12 @@ class Dependencies:
                 yield from _each(self._cropped.get(prim), DirtyBits.CATEGORIES)
             if bits := _inherited_bits(name):
                 yield from _each(self._placed.get(prim), bits)
+            elif name in schema.GRADE_ATTRIBUTES:
+                yield from _each(self._fields & self._beneath.get(prim, set()), DirtyBits.PRIMVAR)
             elif bits := inherited_by_mesh(name):
-                yield from _each(self._meshes & self._beneath.get(prim, set()), bits)
+                beneath = self._beneath.get(prim, set())
+                yield from _each(self._meshes & beneath, bits)
+                yield from _each(self._points & beneath, bits & DirtyBits.PRIMVAR)
             else:
                 for found in self._read.get(prim, ()):
                     own = mesh_bits(name) if found in self._meshes else _own_bits(name)

@@ -8,6 +8,7 @@ import numpy as np
 from pxr import Usd
 
 from usdsplat import schema
+from usdsplat.delegate.scene_delegate.points import is_points, read_points
 from usdsplat.images.color import color_space
 from usdsplat.images.grade import grade_matrix
 from usdsplat.render.specs import (
@@ -20,13 +21,15 @@ from usdsplat.render.specs import (
 
 
 def read_field(prim: Usd.Prim, time: float | None) -> FieldSpec | None:
-    """Read the splats of `prim`; None if it has none at this time.
+    """Read the splats of a field or of points; None if there are none at this time.
 
     If the time is None, an attribute that has only time samples has the value of the first one.
 
     Raises:
         UsdSplatError: If the field cannot be drawn.
     """
+    if is_points(prim):
+        return read_points(prim, time)
     space = schema.color_space(prim)
     color_space(space, where=f"{prim.GetPath()} color space")
     cloud = schema.fetch(prim, time)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from pxr import Usd, UsdGeom
+from pxr import Usd, UsdGeom, Vt
 
 from usdsplat.core.errors import StageError
 from usdsplat.delegate.instancing import NO_INSTANCES, InstancerSpec
@@ -20,6 +20,13 @@ def read_instancer(prim: Usd.Prim, time: Usd.TimeCode) -> InstancerSpec:
     positions = instancer.GetPositionsAttr().Get(time)
     if not prototypes and not positions:
         return NO_INSTANCES
+    for attribute, value, kind in (
+        (instancer.GetProtoIndicesAttr(), prototypes, Vt.IntArray),
+        (instancer.GetPositionsAttr(), positions, Vt.Vec3fArray),
+    ):
+        if value is not None and not isinstance(value, kind):
+            found = f"a value of type {type(value).__name__}"
+            raise StageError(str(attribute.GetPath()), found, kind.__name__)
     count = len(prototypes or ())
     _check(prim, "positions", len(positions or ()), count)
     mask = instancer.ComputeMaskAtTime(time)

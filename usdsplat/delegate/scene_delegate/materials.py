@@ -16,12 +16,14 @@ from pxr import Sdf, Usd, UsdShade
 from usdsplat.core.cloud import F32, F64
 from usdsplat.core.errors import StageError, UsdSplatError
 from usdsplat.core.findings import Finding, finding, from_error
+from usdsplat.delegate.scene_delegate.bindings import BINDING, computed_material
 from usdsplat.delegate.scene_delegate.readings import Sources
 from usdsplat.delegate.scene_delegate.textures import Color, Textures
 from usdsplat.delegate.scene_delegate.unsupported import (
     FALLBACKS,
     finding_on_input,
     finding_on_surface,
+    findings_on_names,
 )
 from usdsplat.images.texture import Encoding
 from usdsplat.render.specs import MaterialSpec, TextureSpec, Wrap
@@ -31,8 +33,6 @@ DISPLAY_COLOR = "displayColor"
 NEUTRAL: Color = (0.18, 0.18, 0.18)
 """Colour of meshes with neither material nor colour."""
 WRAPS = ("black", "clamp", "repeat", "mirror")
-PURPOSES = (UsdShade.Tokens.preview, UsdShade.Tokens.full)
-"""Binding purposes in order; each also finds bindings for all purposes."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -61,15 +61,12 @@ def bound_material(prim: Usd.Prim, sources: Sources) -> Usd.Prim | None:
     above = prim
     while above and not above.IsPseudoRoot():
         for name in above.GetAuthoredPropertyNames():
-            if name.startswith("material:binding"):
+            if name.startswith(BINDING):
                 for target in sources.targets(above, name):
                     _note_collection(target, sources)
         above = above.GetParent()
-    for purpose in PURPOSES:
-        material, _ = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial(purpose)
-        if material:
-            return sources.follow(material.GetPath())
-    return None
+    material = computed_material(prim)
+    return None if material is None else sources.follow(material.GetPath())
 
 
 def _note_collection(path: Sdf.Path, sources: Sources) -> None:
@@ -212,7 +209,9 @@ class MaterialReader:
     def _id(self, node: Usd.Prim) -> str:
         self._sources.add(node)
         attribute = node.GetAttribute("info:id")
-        return str(attribute.Get() or "") if attribute else ""
+        kind = str(attribute.Get() or "") if attribute else ""
+        self.findings += findings_on_names(node, kind)
+        return kind
 
     def _color(self, node: Usd.Prim, name: str, fallback: Color) -> Color:
         red, green, blue, *_ = self._numbers(node, name, fallback)

@@ -43,6 +43,8 @@ class MeshReader:
         self._primvar_problems: dict[tuple[str, int], UsdSplatError] = {}
         self._material_findings: list[Finding] = []
         self._looks: tuple[BoundMaterial, ...] = ()
+        self._materials: tuple[str, ...] = ()
+        """Path of the material of each look; "" without one."""
         self._look_of: I32 | None = None
         self.has_other_sources = False
         """Whether the last reading had different sources than the one before."""
@@ -115,6 +117,8 @@ class MeshReader:
             used = np.unique(look_of)
             found = {number: reader.look(materials[number]) for number in used.tolist()}
             self._looks = tuple(found.values())
+            paths = (materials[number] for number in found)
+            self._materials = tuple(str(each.GetPath()) if each else "" for each in paths)
             self._look_of = np.searchsorted(used, look_of).astype(np.int32)
         finally:
             self._put("material", sources)
@@ -159,7 +163,10 @@ class MeshReader:
                 self._look_of,
                 lambda look: _uvs(look, primvar, len(geometry.triangles)),
             ),
-            materials=tuple(_material(look, primvar) for look in self._looks),
+            materials=tuple(
+                replace(_material(look, primvar), path=path)
+                for look, path in zip(self._looks, self._materials, strict=True)
+            ),
             material_of=self._look_of if len(self._looks) > 1 else None,
             double_sided=bool(doubled),
         )

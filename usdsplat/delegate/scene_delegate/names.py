@@ -7,9 +7,9 @@ those on prims that are no part of a simulation.
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterator
+from collections.abc import Container, Iterable, Iterator
 
-from pxr import Usd
+from pxr import Sdf, Usd
 
 from usdsplat import schema
 from usdsplat.core.findings import Finding, finding
@@ -27,22 +27,30 @@ KNOWN = frozenset(usd_names()) | {
 }
 """Names of properties of all our schemas but those of simulations."""
 
+GRADES = schema.GRADE_ATTRIBUTES
 CROPS = (tokens.CROP_INCLUDE, tokens.CROP_EXCLUDE)
 
 
-def unknown_names(prim: Usd.Prim) -> Iterator[Finding]:
-    """Yield a finding for each authored property of a prim with an unknown name."""
-    names = [
+def checked_names(prim: Usd.Prim) -> list[str]:
+    """Return the names of the authored properties of a prim that are ours, or seem to be."""
+    return [
         name
         for name in prim.GetAuthoredPropertyNames()
         if name.startswith((DRAWING, SIMULATION, "collection:crop"))
     ]
+
+
+def unknown_names(prim: Usd.Prim, names: list[str]) -> Iterator[Finding]:
+    """Yield a finding for each of the `checked_names` of a prim that is unknown."""
     for name in names:
         if name.startswith(DRAWING) and name not in KNOWN:
             yield _unknown(prim, name, sorted(KNOWN))
         elif name.startswith("collection:"):
             collection, _, rest = name.removeprefix("collection:").partition(":")
-            if schema.is_splat_field(prim) and collection not in CROPS:
+            near = schema.is_splat_field(prim) or difflib.get_close_matches(
+                collection, CROPS, 1, 0.8
+            )
+            if near and collection not in CROPS:
                 yield _unknown(prim, name, [f"collection:{each}:{rest}" for each in CROPS])
         elif name.startswith(SIMULATION) and not _is_simulated(prim, names):
             yield finding(
@@ -51,6 +59,37 @@ def unknown_names(prim: Usd.Prim) -> Iterator[Finding]:
                 "an unknown property",
                 "it on a SplatSim prim or an affector",
             )
+
+
+def inheritable(prim: Usd.Prim, names: list[str]) -> list[tuple[Usd.Prim, str]]:
+    """Return the properties of a prim that fields below it inherit, as pairs (prim, property name).
+
+    These are those of its grade and its crop collections.
+
+    Args:
+        prim: The prim.
+        names: Its `checked_names`.
+    """
+    found = [(prim, name) for name in names if name in GRADES]
+    crops = (f"collection:{name}" for name in CROPS)
+    return found[:1] + [
+        (prim, crop) for crop in crops if any(name.startswith(f"{crop}:") for name in names)
+    ]
+
+
+def without_fields(
+    found: Iterable[tuple[Usd.Prim, str]], above: Container[Sdf.Path]
+) -> Iterator[Finding]:
+    """Yield a finding for each pair of `inheritable` that applies to no field.
+
+    Args:
+        found: The pairs.
+        above: Paths of all fields and of the prims above them.
+    """
+    for prim, name in found:
+        if prim.GetPath() not in above:
+            expected = "a splat field at or below the prim"
+            yield finding("unused", f"{prim.GetPath()}.{name}", "no splat field", expected)
 
 
 def _unknown(prim: Usd.Prim, name: str, known: list[str]) -> Finding:

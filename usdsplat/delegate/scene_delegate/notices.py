@@ -12,10 +12,15 @@ from typing import Any
 
 from pxr import Sdf, Tf, Usd
 
+from usdsplat.delegate.scene_delegate.bindings import BINDING
 from usdsplat.delegate.scene_delegate.names import DRAWING, KNOWN
 
 COLOR_SPACE = "colorSpace"
-INHERITED = ("material:binding", "primvars:", "skel:")
+ASSET_FIELDS = ("kind", "assetInfo")
+"""Metadata from which the asset of a prim follows."""
+GRADE = "splat:grade:"
+"""Prefix of properties that fields inherit from their ancestors."""
+INHERITED = (BINDING, "primvars:", "skel:")
 """Prefixes of properties that meshes inherit from their ancestors."""
 
 
@@ -72,6 +77,7 @@ class NoticeListener:
                 fields = set(notice.GetChangedFields(path))
                 if path.IsAbsoluteRootOrPrimPath():
                     self._changes.prims.add(path)
+                    self._changes.structural |= not fields.isdisjoint(ASSET_FIELDS)
                 else:
                     self._change_property(path, new=COLOR_SPACE in fields)
 
@@ -87,7 +93,11 @@ class NoticeListener:
         self._changes.inherited |= new and path.name.startswith(INHERITED)
         regrouped = path.name == "prototypes" or path.name.startswith("collection:")
         misspelt = new and path.name.startswith(DRAWING) and path.name not in KNOWN
-        self._changes.structural |= regrouped or is_color_space(path.name) or colored or misspelt
+        regrouped |= path.name.startswith(BINDING)
+        graded = new and path.name.startswith(GRADE)  # it may be a field's, or have no effect
+        self._changes.structural |= (
+            graded or regrouped or is_color_space(path.name) or colored or misspelt
+        )
 
 
 def is_color_space(name: str) -> bool:

@@ -10,7 +10,7 @@ materials or skeletons form separate entries.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from pxr import Sdf, Usd, UsdGeom, UsdLux, UsdSkel
@@ -18,10 +18,17 @@ from pxr import Sdf, Usd, UsdGeom, UsdLux, UsdSkel
 from usdsplat import schema
 from usdsplat.core.findings import Finding, finding
 from usdsplat.delegate.instancing import Link, Placement
-from usdsplat.delegate.scene_delegate.names import unknown_names
+from usdsplat.delegate.scene_delegate.matte_names import MatteNames
+from usdsplat.delegate.scene_delegate.names import (
+    checked_names,
+    inheritable,
+    unknown_names,
+    without_fields,
+)
 from usdsplat.delegate.scene_delegate.notices import INHERITED
+from usdsplat.delegate.scene_delegate.points import is_points
 from usdsplat.delegate.scene_delegate.unsupported import why_not_drawn
-from usdsplat.delegate.scene_delegate.volumes import NO_CROP, Crop, find_crop, has_crop
+from usdsplat.delegate.scene_delegate.volumes import NO_CROP, Crop, find_crop, has_crop, lineage
 
 Kind = Literal["field", "mesh", "instancer", "camera", "light", "other", ""]
 
@@ -106,6 +113,7 @@ class Population:
     """The prims of a stage that are used."""
 
     fields: dict[str, RprimEntry] = field(default_factory=dict)
+    """Splat fields, and points, which are drawn as splats."""
     meshes: dict[str, RprimEntry] = field(default_factory=dict)
     instancers: dict[str, Usd.Prim] = field(default_factory=dict)
     cameras: dict[str, Usd.Prim] = field(default_factory=dict)
@@ -119,6 +127,17 @@ class Population:
         """Yield (path, entry) of fields and meshes."""
         yield from self.fields.items()
         yield from self.meshes.items()
+
+    def above_fields(self) -> set[Sdf.Path]:
+        """Return the paths of splat fields and of all prims above them, in prototypes too."""
+        found: set[Sdf.Path] = set()
+        for entry in self.fields.values():
+            if not is_points(entry.source):
+                for appearance in entry.appearances:
+                    for level in appearance.levels:
+                        for prim in (level.prim, source_of(level.prim)):
+                            found.update(prim.GetPath().GetPrefixes())
+        return found
 
     @property
     def crop_volumes(self) -> frozenset[str]:
@@ -152,6 +171,8 @@ class _Walk:
         self._above: dict[Sdf.Path, tuple[Sdf.Path, ...]] = {}
         self._others: set[Sdf.Path] = set()
         self._checked: set[Sdf.Path] = set()
+        self._names = MatteNames()
+        self._inheritable: list[tuple[Usd.Prim, str]] = []
         self._found = Population()
 
     def scan(self, root: Usd.Prim, links: tuple[Link, ...], outer: tuple[Level, ...]) -> None:
@@ -179,10 +200,16 @@ class _Walk:
         """Name the entries and sort their appearances."""
         for (kind, *_), seen in self._seen.items():
             if kind == "field":
-                carried = any(appearance.placement.links for appearance in seen)
+                seen = [self._with_named_material(each) for each in seen]
                 seen.sort(key=lambda appearance: appearance.order)
-                crop = find_crop(seen[0].levels[-1].prim, carried=carried)
+                first = seen[0].levels[-1].prim
+                levels = (level for each in seen for level in each.levels)
+                roots = {level.root.GetPath() for level in levels if level.root}
+                crop = NO_CROP if is_points(first) else find_crop(first, roots=roots)
                 _enlist(self._found.fields, seen, crop)
+        if self._inheritable:
+            above = self._found.above_fields()
+            self._found.findings += without_fields(self._inheritable, above)
         volumes = self._found.crop_volumes
         for (kind, *_), seen in self._seen.items():
             drawn = [each for each in seen if each.placement.path not in volumes]
@@ -201,13 +228,25 @@ class _Walk:
     def _add_rprim(
         self, kind: Kind, prim: Usd.Prim, links: tuple[Link, ...], levels: tuple[Level, ...]
     ) -> None:
-        placement = Placement(path=str(prim.GetPath()), links=links)
+        placement = Placement(
+            path=str(prim.GetPath()),
+            links=links,
+            asset=self._names.asset(prim),
+            material=self._names.material(prim) if kind == "field" else "",
+        )
         appearance = Appearance(placement=placement, levels=levels)
-        inherited: tuple[object, ...] = (_inherited_space(prim), _cropped_alone(prim))
-        if kind == "mesh":
+        inherited: tuple[object, ...]
+        if kind == "mesh" or is_points(prim):
             inherited = self._inherited_looks(prim)
+        else:
+            inherited = (_inherited_space(prim), _cropped_alone(prim), _inherited_grade(prim))
         key = (kind, source_of(prim).GetPath(), inherited)
         self._seen.setdefault(key, []).append(appearance)
+
+    def _with_named_material(self, appearance: Appearance) -> Appearance:
+        placement = appearance.placement
+        name = self._names.named(self._stage, placement.material)
+        return replace(appearance, placement=replace(placement, material=name))
 
     def _check_names(self, prim: Usd.Prim) -> None:
         """Add a finding for each unknown name, of equal instances one."""
@@ -216,7 +255,9 @@ class _Walk:
             if source in self._checked:
                 return
             self._checked.add(source)
-        self._found.findings += unknown_names(prim)
+        if names := checked_names(prim):
+            self._found.findings += unknown_names(prim, names)
+            self._inheritable += inheritable(prim, names)
 
     def _add_other(self, prim: Usd.Prim) -> None:
         source = source_of(prim).GetPath()
@@ -269,7 +310,7 @@ def _enlist(entries: dict[str, RprimEntry], seen: list[Appearance], crop: Crop) 
 
 
 def _classify(prim: Usd.Prim) -> Kind:
-    if schema.is_splat_field(prim):
+    if schema.is_splat_field(prim) or is_points(prim):
         return "field"
     if any(prim.IsA(shape) for shape in SHAPES):
         return "mesh"
@@ -295,7 +336,19 @@ def _givers(prim: Usd.Prim) -> tuple[Sdf.Path, ...]:
 
 def _cropped_alone(prim: Usd.Prim) -> str:
     """Return a key that separates cropped instances: each one has its own volumes in the world."""
-    return str(prim.GetPath()) if prim.IsInstanceProxy() and has_crop(prim) else ""
+    is_cropped = prim.IsInstanceProxy() and any(map(has_crop, lineage(prim)))
+    return str(prim.GetPath()) if is_cropped else ""
+
+
+def _inherited_grade(prim: Usd.Prim) -> tuple[Sdf.Path, ...]:
+    """Return the graded prims at and above an instance, from which fields in it inherit."""
+    if not prim.IsInstanceProxy():
+        return ()
+    return tuple(
+        each.GetPath()
+        for each in lineage(prim)
+        if not each.IsInstanceProxy() and schema.has_grade(each)
+    )
 
 
 def _inherited_space(prim: Usd.Prim) -> str:

@@ -10,7 +10,7 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from types import MappingProxyType
-from typing import Any, Literal
+from typing import Any
 
 from pxr import Sdf, Usd, UsdRender
 
@@ -18,7 +18,8 @@ from usdsplat.core.errors import StageError
 from usdsplat.core.findings import Finding, finding
 from usdsplat.core.knobs import checked
 from usdsplat.delegate.product import ProductSpec
-from usdsplat.delegate.scene_delegate import collections
+from usdsplat.delegate.scene_delegate import collections, product_metadata
+from usdsplat.images.layout import PixelType
 from usdsplat.render.framing import CONFORM, data_window
 from usdsplat.render.settings import RenderSettings, usd_names
 from usdsplat.render.specs import Framing
@@ -50,6 +51,13 @@ AOVS = {
     "motionBackward": "motionBackward",
     "cryptoObject": "cryptoObject",
     "crypto_object": "cryptoObject",
+    "CryptoObject": "cryptoObject",
+    "cryptoAsset": "cryptoAsset",
+    "crypto_asset": "cryptoAsset",
+    "CryptoAsset": "cryptoAsset",
+    "cryptoMaterial": "cryptoMaterial",
+    "crypto_material": "cryptoMaterial",
+    "CryptoMaterial": "cryptoMaterial",
     "primId": "primId",
     "id": "primId",
     "instanceId": "instanceId",
@@ -62,6 +70,8 @@ omitted."""
 
 
 HALF_TYPES = {"half", "half2", "half3", "half4", "color3h", "color4h", "vector3h", "point3h"}
+ALPHAS = ("a", "alpha")
+"""`sourceName` of vars that request only the alpha of `color`."""
 
 POLICY = "aspectRatioConformPolicy"
 NO_OVERRIDES: Mapping[str, Any] = MappingProxyType({})
@@ -127,7 +137,9 @@ def read_products(
         reader = _Reader(product, prim, render_pass, code)
         try:
             spec = reader.product(camera=camera, resolution=resolution, overrides=overrides)
-            yield replace(spec, findings=(*findings, *reader.problems(), *reader.foreign()))
+            yield replace(
+                spec, findings=(*findings, *reader.problems(), *reader.foreign(), *reader.renamed())
+            )
         except StageError as error:
             yield error
 
@@ -228,8 +240,9 @@ class _Reader:
             framing=self._framing(resolution),
             settings=self._render_settings(overrides),
             aovs=self._aovs(),
-            pixel_type=self._pixel_type(),
+            pixel_types=self._pixel_types(),
             matte=self._matte(),
+            metadata=product_metadata.entries(self._product, self._time),
             purposes=tuple(map(str, self._value("includedPurposes"))),
         )
 
@@ -237,8 +250,14 @@ class _Reader:
         """Return an attribute of the product if authored, else of the settings."""
         prim = self._giver(name)
         value = prim.GetAttribute(name).Get(self._time)
-        blocked = value is None
-        return prim.GetPrimDefinition().GetAttributeFallbackValue(name) if blocked else value
+        fallback = prim.GetPrimDefinition().GetAttributeFallbackValue(name)
+        if isinstance(fallback, float) and isinstance(value, int):
+            value = float(value)
+        if value is not None and fallback is not None and not isinstance(value, type(fallback)):
+            found = f"a value of type {prim.GetAttribute(name).GetTypeName()}"
+            expected = f"one of type {type(fallback).__name__}"
+            raise StageError(f"{prim.GetPath()}.{name}", found, expected)
+        return fallback if value is None else value
 
     def _giver(self, name: str) -> Usd.Prim:
         """Return the product if it authors an attribute, else the settings."""
@@ -280,6 +299,8 @@ class _Reader:
             numbers = ", ".join(f"{each:g}" for each in ndc)
             yield finding("bad-window", where, f"({numbers})", "finite numbers")
 
+        yield from product_metadata.problems(self._product, self._time)
+
     def _render_settings(self, overrides: Mapping[str, Any]) -> RenderSettings:
         values = {}
         for prim in (self._settings, self._product):
@@ -287,6 +308,8 @@ class _Reader:
                 attribute = prim.GetAttribute(name)
                 if attribute and attribute.HasAuthoredValue():
                     values[knob] = attribute.Get()
+        if "compression" not in values and (asked := product_metadata.compression(self._product)):
+            values["compression"] = asked
         for knob, disablers in DISABLERS.items():
             if any(self._value(name) for name in disablers):
                 values[knob] = False
@@ -303,6 +326,15 @@ class _Reader:
             for path, name in sources
             if name not in AOVS
         )
+
+    def renamed(self) -> Iterator[Finding]:
+        """Yield a finding for each var whose channels should have a name of their own."""
+        for aov, var in self._vars():
+            attribute = var.GetPrim().GetAttribute("driver:parameters:aov:name")
+            name = attribute.Get() if attribute else None
+            if name and name != aov:
+                where = str(attribute.GetPath())
+                yield finding("unsupported-name", where, repr(name), f"channels of {aov}")
 
     def _vars(self) -> Iterator[tuple[str, UsdRender.Var]]:
         """Yield (our AOV name, var) of the product's supported vars."""
@@ -324,16 +356,23 @@ class _Reader:
         """Return the AOVs of the product's vars, once each; colour if there is none."""
         return tuple(dict.fromkeys(name for name, _ in self._vars())) or ("color",)
 
-    def _pixel_type(self) -> Literal["", "half", "float"]:
-        """Return the pixel type of the colour vars, by authored `dataType` only."""
-        asked = [
-            str(var.GetDataTypeAttr().Get())
-            for name, var in self._vars()
-            if name == "color" and var.GetDataTypeAttr().HasAuthoredValue()
-        ]
-        if not asked:
-            return ""
-        return "half" if all(each in HALF_TYPES for each in asked) else "float"
+    def _pixel_types(self) -> tuple[tuple[str, PixelType], ...]:
+        """Return the pixel type of each channel group with an authored type.
+
+        Solaris authors the type of the file in an attribute of its own, beside that of the data.
+        """
+        types: dict[str, PixelType] = {}
+        for aov, var in self._vars():
+            attribute = var.GetPrim().GetAttribute("driver:parameters:aov:format")
+            if not (attribute and attribute.Get()):
+                attribute = var.GetDataTypeAttr()
+            if not attribute.HasAuthoredValue():
+                continue
+            found: PixelType = "half" if str(attribute.Get()) in HALF_TYPES else "float"
+            key = "alpha" if str(var.GetSourceNameAttr().Get()) in ALPHAS else aov
+            if types.setdefault(key, found) != found:
+                types[key] = "float"
+        return tuple(types.items())
 
     def _matte(self) -> collections.Rules:
         """Return the holdouts of the product's or the settings' collection, and of the pass's."""

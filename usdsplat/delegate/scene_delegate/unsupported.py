@@ -29,14 +29,34 @@ TYPES = (
 )  # fmt: skip
 """Types that a misspelt one may mean."""
 
-FALLBACKS: dict[str, Any] = {
+_SURFACE: dict[str, Any] = {
+    **dict.fromkeys((
+        "diffuseColor", "specularColor", "roughness", "clearcoat", "clearcoatRoughness",
+        "opacityMode", "opacityThreshold", "ior", "normal", "occlusion",
+    )),
     "opacity": 1.0,
     "metallic": 0.0,
     "emissiveColor": (0.0, 0.0, 0.0),
     "displacement": 0.0,
     "useSpecularWorkflow": 0,
-}
-"""Unsupported input of UsdPreviewSurface -> its fallback, with which it has no effect.
+}  # fmt: skip
+"""Input of UsdPreviewSurface -> its fallback if it is unsupported and other values would change
+brightness, hue or coverage; else None.
+
+Source: the UsdPreviewSurface specification.
+"""
+
+FALLBACKS = {name: fallback for name, fallback in _SURFACE.items() if fallback is not None}
+"""Unsupported input of UsdPreviewSurface -> its fallback, with which it has no effect."""
+
+INPUTS = {
+    "UsdPreviewSurface": tuple(_SURFACE),
+    "UsdUVTexture": ("file", "st", "wrapS", "wrapT", "fallback", "scale", "bias",
+                     "sourceColorSpace"),
+    "UsdTransform2d": ("in", "rotation", "scale", "translation"),
+    "UsdPrimvarReader": ("varname", "fallback"),
+}  # fmt: skip
+"""Shader -> names of its inputs; `UsdPrimvarReader` has a suffix for its type.
 
 Source: the UsdPreviewSurface specification.
 """
@@ -104,6 +124,22 @@ def finding_on_input(shader: Usd.Prim, name: str, found: Any) -> Finding | None:
     said = "a connection" if found is None else _text(found)
     where = f"{shader.GetPath()}.inputs:{name}"
     return finding("unsupported-input", where, said, f"{_text(fallback)}, the fallback")
+
+
+def findings_on_names(shader: Usd.Prim, kind: str) -> Iterator[Finding]:
+    """Yield a finding for each input of a shader that its specification does not have.
+
+    Args:
+        shader: The shader.
+        kind: Its identifier.
+    """
+    known = INPUTS.get(kind.partition("_")[0], ())
+    for name in shader.GetAuthoredPropertyNames() if known else ():
+        if name.startswith("inputs:") and name.removeprefix("inputs:") not in known:
+            near = difflib.get_close_matches(name.removeprefix("inputs:"), known, n=1)
+            expected = f"such as inputs:{near[0]}" if near else f"an input of {kind}"
+            where = f"{shader.GetPath()}.{name}"
+            yield finding("unknown-name", where, "an unknown input", expected)
 
 
 def finding_on_surface(material: Usd.Prim, shader: Usd.Prim | None, kind: str) -> Finding | None:

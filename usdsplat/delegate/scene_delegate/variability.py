@@ -9,9 +9,11 @@ from pxr import Usd, UsdGeom
 from usdsplat import schema
 from usdsplat.delegate.dirty_bits import DirtyBits
 from usdsplat.delegate.scene_delegate.dependencies import inherited_by_mesh, mesh_bits
+from usdsplat.delegate.scene_delegate.points import are_points_varying, is_points
 from usdsplat.delegate.scene_delegate.population import Level, Population, RprimEntry
 from usdsplat.delegate.scene_delegate.readings import Readings
 from usdsplat.delegate.scene_delegate.volumes import SIZES, Crop
+from usdsplat.schema.stage_values import may_move
 
 
 def varying_bits(population: Population, readings: Readings, path: str) -> DirtyBits:
@@ -31,7 +33,10 @@ def varying_bits(population: Population, readings: Readings, path: str) -> Dirty
     if path in population.meshes:
         return _mesh_varies(population.meshes[path], readings, path)
     entry = population.fields[path]
-    varies = schema.is_time_varying(entry.source) or schema.is_grade_varying(entry.source)
+    if is_points(entry.source):
+        varies = are_points_varying(entry.prim)
+    else:
+        varies = schema.is_time_varying(entry.source) or schema.is_grade_varying(entry.prim)
     data = DirtyBits.PRIMVAR if varies else DirtyBits.CLEAN
     levels = (level for appearance in entry.appearances for level in appearance.levels)
     crop = DirtyBits.CATEGORIES if _crop_varies(entry.crop) else DirtyBits.CLEAN
@@ -67,7 +72,7 @@ def _mesh_varies(entry: RprimEntry, readings: Readings, path: str) -> DirtyBits:
     for sources in readings.sources(path):
         if sources.bits & ~bits and any(map(_varies, map(stage.GetPrimAtPath, sources.read))):
             bits |= sources.bits
-        if any(map(_moves, map(stage.GetPrimAtPath, sources.placed))):
+        if any(map(may_move, map(stage.GetPrimAtPath, sources.placed))):
             bits |= DirtyBits.TRANSFORM
     return bits
 
@@ -78,16 +83,11 @@ def _varies(prim: Usd.Prim) -> bool:
     )
 
 
-def _moves(prim: Usd.Prim) -> bool:
-    xformable = UsdGeom.Xformable(prim)
-    return bool(xformable) and xformable.TransformMightBeTimeVarying()
-
-
 def _placing_varies(levels: Iterable[Level]) -> DirtyBits:
     """Return whether transforms or visibility of the levels may vary."""
     bits = DirtyBits.CLEAN
     for prim in {prim for level in levels for prim in level.lineage()}:
-        if _moves(prim):
+        if may_move(prim):
             bits |= DirtyBits.TRANSFORM
         imageable = UsdGeom.Imageable(prim)
         if imageable and imageable.GetVisibilityAttr().ValueMightBeTimeVarying():

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from dataclasses import dataclass
 
-from pxr import Usd, UsdGeom
+from pxr import Sdf, Usd, UsdGeom
 
 from usdsplat.core.findings import Finding, finding
 from usdsplat.render.specs import CropShape
@@ -51,28 +51,53 @@ NO_CROP = Crop()
 
 
 def has_crop(prim: Usd.Prim) -> bool:
-    """Return whether crop collections of the prim are authored.
+    """Return whether crop collections of the prim itself are authored.
 
     That suffices, whether or not `SplatCropAPI` is applied and known to USD.
     """
-    return any(prim.GetAuthoredPropertiesInNamespace(f"collection:{name}") for name in _COLLECTIONS)
+    return any(_has_collection(prim, name) for name in _COLLECTIONS)
 
 
-def find_crop(prim: Usd.Prim, *, carried: bool) -> Crop:
-    """Find the crop volumes of a field; `carried` if a point instancer carries it."""
-    if not has_crop(prim):
+def _has_collection(prim: Usd.Prim, name: str) -> bool:
+    return bool(prim.GetAuthoredPropertiesInNamespace(f"collection:{name}"))
+
+
+def lineage(prim: Usd.Prim) -> Iterator[Usd.Prim]:
+    """Yield a prim and its ancestors, the nearest first."""
+    while prim and not prim.IsPseudoRoot():
+        yield prim
+        prim = prim.GetParent()
+
+
+def find_crop(prim: Usd.Prim, *, roots: Container[Sdf.Path]) -> Crop:
+    """Find the crop volumes of a field.
+
+    A field inherits the crops of its ancestors: the nearest collection that includes, and all that
+    exclude.
+
+    Args:
+        prim: The field.
+        roots: Paths of the roots of the prototypes of point instancers that carry it.
+    """
+    croppers = [each for each in lineage(prim) if has_crop(each)]
+    if not croppers:
         return NO_CROP
     volumes: list[Volume] = []
+    acting: list[Usd.Prim] = []
     findings: list[Finding] = []
     for name, keeps in _COLLECTIONS.items():
-        members = [
-            Volume(prim=member, keeps=keeps)
-            for member in _members(Usd.CollectionAPI(prim, name))
-            if member.GetTypeName() in SHAPES
-        ]
-        volumes += members
-        findings += _problems(prim, name, has_volumes=bool(members))
-    if volumes and carried:
+        owners = [each for each in croppers if _has_collection(each, name)]
+        for owner in owners[:1] if keeps else owners:
+            members = [
+                Volume(prim=member, keeps=keeps)
+                for member in _members(Usd.CollectionAPI(owner, name))
+                if member.GetTypeName() in SHAPES
+            ]
+            acting += [owner] if members else []
+            known = {(each.prim.GetPath(), each.keeps) for each in volumes}
+            volumes += [each for each in members if (each.prim.GetPath(), keeps) not in known]
+            findings += _problems(owner, name, has_volumes=bool(members))
+    if any(path in roots for each in acting for path in each.GetPath().GetPrefixes()):
         found = "crop volumes of a field that is instanced by a point instancer"
         expected = "none: such volumes do not move with the instances"
         findings.append(finding("crop-member", str(prim.GetPath()), found, expected))

@@ -6,7 +6,7 @@ import numpy as np
 from numba import cuda
 
 from usdsplat.kernels.cuda.warp import LANES, below, votes
-from usdsplat.kernels.weigh import NONE, RANKS
+from usdsplat.kernels.weigh import NONE
 
 WARPS = 8
 """Maximum number of warps of a block."""
@@ -61,7 +61,7 @@ def number_prims(lists, labels, begin, n, known, names, thread):
 @cuda.jit(device=True)
 def strongest(table, prims, thread, names, ids, weights, row, column):
     """Write the prims with the largest weights in one pixel, see `kernels.weigh.strongest`."""
-    for rank in range(RANKS):
+    for rank in range(ids.shape[2]):
         best, most = NONE, np.float32(0)
         for j in range(prims):
             if table[j, thread] > most:

@@ -16,7 +16,7 @@ from pxr import Gf, Usd, UsdGeom
 
 from usdsplat.core.errors import StageError, UsageError
 from usdsplat.render.specs import Matrix
-from usdsplat.schema.stage_values import local_to_world, parent_to_world
+from usdsplat.schema.stage_values import local_to_world, ordered_ops, parent_to_world
 
 EDIT = "xformOp:transform:edit"
 _SUFFIX = "edit"
@@ -62,7 +62,7 @@ def edit_of(prim: Usd.Prim, matrix: Matrix, code: Usd.TimeCode) -> Gf.Matrix4d:
 
 def ops_below(xformable: UsdGeom.Xformable) -> list[UsdGeom.XformOp]:
     """Return the prim's ops without the edit op."""
-    ops = xformable.GetOrderedXformOps()
+    ops = ordered_ops(xformable.GetPrim())
     return ops[1:] if ops and ops[0].GetOpName() == EDIT else ops
 
 
@@ -73,7 +73,7 @@ def author_edit(prim: Usd.Prim) -> Usd.Attribute:
         StageError: If the prim has an op of that name in another place.
     """
     xformable = UsdGeom.Xformable(prim)
-    ops = xformable.GetOrderedXformOps()
+    ops = ordered_ops(xformable.GetPrim())
     others = ops_below(xformable)
     if any(op.GetOpName() == EDIT for op in others):
         raise StageError(f"{prim.GetPath()}.xformOpOrder", f"{EDIT} within", f"{EDIT} first")

@@ -100,11 +100,12 @@ def _from(target: Path, path: str) -> str:
     """Return a file's path relative to the target's folder, so that both can be moved together.
 
     Raises:
-        StageError: If the file's name is not UTF-8.
+        StageError: If a layer cannot refer to a file of this name.
     """
-    check_referable(path)
+    folder = target.resolve().parent
+    check_referable(path, folder)
     try:
-        relative = Path(os.path.relpath(path, target.resolve().parent)).as_posix()
+        relative = Path(os.path.relpath(path, folder)).as_posix()
     except ValueError:  # another drive
         return path
     return relative if relative.startswith("../") else f"./{relative}"

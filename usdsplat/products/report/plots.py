@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from typing import TYPE_CHECKING
 
 from usdsplat.core.errors import BackendError
@@ -20,10 +21,17 @@ def check_matplotlib() -> None:
     Raises:
         BackendError: If it is not; the message has the command that installs it.
     """
+    if not _can_import("matplotlib"):
+        raise BackendError("--plot", "no matplotlib", INSTALL)
+
+
+def _can_import(name: str) -> bool:
+    """Return whether a module can be imported."""
     try:
-        import matplotlib  # noqa: F401 - checks that it can be loaded
+        importlib.import_module(name)
     except ModuleNotFoundError:
-        raise BackendError("--plot", "no matplotlib", INSTALL) from None
+        return False
+    return True
 
 
 def draw_histogram(axes: Axes, histogram: Histogram, *, ink: str) -> None:

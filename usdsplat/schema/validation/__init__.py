@@ -72,6 +72,16 @@ _OF_FORM: Sequence[Check] = (
 """Checks that depend on the storage form of a valid cloud and are fast."""
 
 
+_OF_DRAWN: Sequence[Check] = (
+    arrays.lengths,
+    arrays.opacities,
+    radiance.degree,
+    radiance.coefficients,
+    radiance.modes,
+)
+"""Checks of what is read for drawing."""
+
+
 def validate(
     stage: Usd.Stage, *, time: float | None = None, progress: Progress = silent
 ) -> list[Finding]:
@@ -84,7 +94,8 @@ def validate(
 
     Returns:
         Findings in the order of the fields, then those of transforms and of the stage; empty if
-        there are none. A fault that several samples of an attribute share is one finding.
+        there are none. A fault that several samples of an attribute share is one finding, and so is
+        one of a value that several fields inherit.
     """
     fields = list(splat_fields(stage))
     checks = [check for group in CHECKS.values() for check in group]
@@ -95,7 +106,11 @@ def validate(
         findings += check_field(prim, checks, codes)
     progress.step("validating", len(fields), len(fields))
     findings += check_transforms(stage)
-    return [*findings, *_stage_metadata(stage)] if fields else findings
+    findings += _stage_metadata(stage) if fields else ()
+    once: dict[tuple[str, ...], Finding] = {}
+    for each in findings:
+        once.setdefault(each.key, each)
+    return list(once.values())
 
 
 def check_field(
@@ -116,6 +131,18 @@ def check_field(
         finding if finding.time is not None else replace(finding, samples=1)
         for finding in merged.values()
     ]
+
+
+def errors_of_drawn(prim: Usd.Prim, time: float | None) -> list[Finding]:
+    """Return the errors of a field's values that drawing it hides: unknown modes, short arrays,
+    opacities out of range. No attribute is read that drawing does not read.
+
+    Args:
+        prim: A field that can be read.
+        time: Time code; None for the default value or, without one, the first sample.
+    """
+    found = check_field(prim, _OF_DRAWN, [attributes.time_code(prim, time)])
+    return [finding for finding in found if finding.severity == "error"]
 
 
 def broken_rules(prim: Usd.Prim, time: float | None = None) -> list[str]:

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from pxr import Usd
 
 from usdsplat.core.cloud import F32
-from usdsplat.core.findings import Finding
+from usdsplat.core.findings import Finding, Severity
 from usdsplat.core.wording import counted
 from usdsplat.schema import attributes, stock, tokens
 from usdsplat.schema.validation.finding import Sample
@@ -89,7 +89,7 @@ def values(sample: Sample) -> Iterator[Finding]:
         yield from _finite(sample, name)
     yield from scales(sample)
     yield from _quaternions(sample)
-    yield from _opacities(sample)
+    yield from opacities(sample)
 
 
 def identities(sample: Sample) -> Iterator[Finding]:
@@ -167,28 +167,36 @@ def scales(sample: Sample) -> Iterator[Finding]:
     flat = lowest == 0
     if flat.any():
         cure = "give flat splats a small thickness: other applications require scales above 0"
-        if _newborn(sample)[flat].all():
+        severity: Severity = "warning"
+        newborn = _newborn(sample)
+        if len(newborn) == len(flat) and newborn[flat].all():
+            severity = "note"
             cure = (
                 "none is needed here: these splats begin in this sample and grow; for applications "
                 "that require scales above 0, delete the sample's splats of scale 0"
             )
         found = _rows(flat, deviations)
         name = sample.name(tokens.SCALES)
-        yield sample.finding("warning", name, "zero-scale", found, "positive numbers", cure)
+        yield sample.finding(severity, name, "zero-scale", found, "positive numbers", cure)
 
 
 def _newborn(sample: Sample) -> npt.NDArray[np.bool_]:
-    """Return which splats are not in the sample before, by their ids, shape (n,)."""
+    """Return which splats are not in the sample before, by their ids, or are invisible there,
+    shape (n,). A bake gives a splat a row before its birth, with opacity 0."""
     ids = sample.array(tokens.IDS)
     none = np.zeros(sample.count, np.bool_)
     if ids is None or len(ids) != sample.count or not sample.code.IsNumeric():
         return none
-    times = attributes.sample_times(sample.prim, {tokens.IDS})
+    names = {tokens.IDS, sample.name(tokens.OPACITIES)}
+    times = attributes.sample_times(sample.prim, names)
     earlier = [time for time in times if time < sample.code.GetValue()]
     if not earlier:
         return none
-    before = replace(sample, code=Usd.TimeCode(max(earlier))).array(tokens.IDS)
-    return none if before is None else ~np.isin(ids, before)
+    before = replace(sample, code=Usd.TimeCode(max(earlier)))
+    known, opacity = before.array(tokens.IDS), before.numbers(tokens.OPACITIES)
+    if known is None:
+        return none
+    return ~np.isin(ids, known[opacity > 0] if len(opacity) == len(known) else known)
 
 
 def _quaternions(sample: Sample) -> Iterator[Finding]:
@@ -209,16 +217,20 @@ def _quaternions(sample: Sample) -> Iterator[Finding]:
         )
 
 
-def _opacities(sample: Sample) -> Iterator[Finding]:
+def opacities(sample: Sample) -> Iterator[Finding]:
     """Check that opacities lie between 0 and 1."""
-    opacities = sample.numbers(tokens.OPACITIES)
-    bad = (opacities < 0) | (opacities > 1)
+    if sample.is_packed:
+        return
+    found = sample.numbers(tokens.OPACITIES)
+    if not found.size or (found.min() >= 0 and found.max() <= 1):
+        return
+    bad = (found < 0) | (found > 1)
     if bad.any():
         yield sample.finding(
             "error",
             sample.name(tokens.OPACITIES),
             "opacity-range",
-            _rows(bad, opacities),
+            _rows(bad, found),
             "0 to 1",
             "author opacities; if these are logits, take their sigmoid",
         )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -28,6 +28,8 @@ class Sample:
 
     prim: Usd.Prim
     code: Usd.TimeCode
+    _values: dict[str, Any] = field(init=False, default_factory=dict)
+    """Values that were read, because several checks need each."""
 
     @property
     def is_packed(self) -> bool:
@@ -44,8 +46,10 @@ class Sample:
 
     def value(self, name: str) -> Any:
         """Return the value of an attribute, whether it applies or not, or None."""
-        attribute = self.prim.GetAttribute(name) if name else None
-        return attribute.Get(self.code) if attribute else None
+        if name not in self._values:
+            attribute = self.prim.GetAttribute(name) if name else None
+            self._values[name] = attribute.Get(self.code) if attribute else None
+        return self._values[name]
 
     def is_typed(self, name: str) -> bool:
         """Return whether the attribute has the schema's type, or no value."""
@@ -55,7 +59,7 @@ class Sample:
         """Return the value of the attribute that applies, or None if it has the wrong type or no
         value."""
         name = self.name(attribute)
-        return attributes.array(self.prim, name, self.code) if self.is_typed(name) else None
+        return attributes.as_array(self.value(name)) if self.is_typed(name) else None
 
     def numbers(self, attribute: str) -> F32:
         """Return `array` in float32, empty without a value."""

@@ -105,10 +105,11 @@ def grade(sample: Sample) -> Iterator[Finding]:
         try:
             grading.grade(sample.prim, code)
         except StageError as error:
-            name = error.where.split()[-1]
+            path, name = error.where.split()
             cure = "author a legal value; readers do not draw the field"
             at = replace(sample, code=code)
-            yield at.finding("error", name, "illegal-grade", error.found, error.expected, cure)
+            wrong = at.finding("error", name, "illegal-grade", error.found, error.expected, cure)
+            yield replace(wrong, path=path)  # that of an ancestor if the value is inherited
             return
 
 

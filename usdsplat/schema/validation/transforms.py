@@ -5,7 +5,7 @@ from __future__ import annotations
 from pxr import Usd, UsdGeom
 
 from usdsplat.core.findings import Finding, finding
-from usdsplat.schema.stage_values import EXPECTED_OPS, unknown_ops
+from usdsplat.schema.stage_values import EXPECTED_OPS, in_world, unknown_ops
 
 _CURE = "remove the op from xformOpOrder, or author its attribute with a name that USD knows"
 
@@ -16,7 +16,7 @@ def check_transforms(stage: Usd.Stage) -> list[Finding]:
         finding(
             "bad-transform", f"{prim.GetPath()}.xformOpOrder", repr(op), EXPECTED_OPS, cure=_CURE
         )
-        for prim in stage.Traverse()
+        for prim in in_world(stage)
         if prim.IsA(UsdGeom.Xformable)
         for op in unknown_ops(prim)
     ]

@@ -53,8 +53,9 @@ class _Field:
 
 
 class Bake:
-    """The bake of all fields of a simulation. Nothing is written before it is entered; if it is
-    left by an exception, it can be resumed."""
+    """The bake of all fields of a simulation. Nothing is written before it is entered. If it is
+    left by an exception, it can be resumed from its last checkpoint; before the first one, it is
+    removed."""
 
     def __init__(
         self,
@@ -71,6 +72,8 @@ class Bake:
         self._provenance = provenance
         self._epochs = 0
         self._is_new = False
+        self._has_begun = False
+        self._kept: dict[str, int] | None = None
         self.resumed: Checkpoint | None = None
         """Checkpoint to continue from: states after the frame `resumed.time`."""
         self.is_complete = False
@@ -187,6 +190,7 @@ class Bake:
             time=time, states=states, parameter_hash=self._provenance.param_hash, extras=extras
         )
         checkpoints.save(self._layers.checkpoint, where)
+        self._remember()
         for field in self._fields.values():
             field.spool.forget(self._epochs * self._parameters.clip_frames)
 
@@ -218,10 +222,15 @@ class Bake:
         return self._layers.target
 
     def __enter__(self) -> Self:
-        if self._is_new:
-            self._layers.begin()
-        if not self.is_complete:
-            self._present()
+        try:
+            if self._is_new:
+                self._layers.begin()
+            self._has_begun = True
+            if not self.is_complete:
+                self._present()
+        except BaseException:
+            self._leave()
+            raise
         return self
 
     def __exit__(
@@ -230,8 +239,26 @@ class Bake:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        if error is None:
-            self.close()
+        try:
+            if error is None:
+                self.close()
+        finally:
+            self._leave()
+
+    def _leave(self) -> None:
+        """Remove what an unfinished bake cannot use: everything before the first checkpoint, and
+        frames after the last one. A bake that could not begin has nothing to remove."""
+        if self.is_complete or not self._has_begun:
+            return
+        if self._kept is None:
+            self._layers.discard()
+            return
+        for path, field in self._fields.items():
+            field.spool.forget_from(self._kept[path])
+
+    def _remember(self) -> None:
+        """Remember the frames that the checkpoint needs: those before the pending ones."""
+        self._kept = {path: field.spool.frames - 1 for path, field in self._fields.items()}
 
     @property
     def _frames(self) -> int:
@@ -292,6 +319,7 @@ class Bake:
             prefix = f"{_EXTRA}{number}:"
             kept = {k: v for k, v in found.extras.items() if k.startswith(prefix)}
             field.spool.restore({k.removeprefix(prefix): v for k, v in kept.items()})
+        self._remember()
         self.resumed = found
 
 

@@ -10,9 +10,10 @@
 Except in mode clips, `samples.usdc` replaces `clip.*`, `clips.usda` and `manifest.usda`.
 
 Files under these names are always complete, see `core/output`. The named layer is put in place
-last, so that everything it refers to exists. A simulation that fails or is killed leaves the
-frames, clips and checkpoint that `--resume` needs; `--force` removes an earlier bake when it
-starts.
+last, so that everything it refers to exists. A simulation that fails leaves the frames, clips and
+checkpoint that `--resume` needs, and nothing if it has no checkpoint yet. One that is killed leaves
+more; its named layer states how many frames are complete, and `bake_findings` reports it. `--force`
+removes an earlier bake when it starts.
 """
 
 from __future__ import annotations
@@ -20,16 +21,19 @@ from __future__ import annotations
 import errno
 import os
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from pxr import Sdf, Usd, UsdGeom, Vt
+from pxr import Sdf, Tf, Usd, UsdGeom, Vt
 
 from usdsplat.core.errors import OutputError, StageError
 from usdsplat.core.output import output_group
 from usdsplat.core.readable import check_referable
 from usdsplat.schema import tokens
 from usdsplat.schema.usd_files import export_layer
+from usdsplat.schema.value_clips import stage_files
+from usdsplat.sim.stage.bake_findings import is_unfinished
 from usdsplat.sim.stage.plan import Plan
 from usdsplat.sim.stage.provenance import nested
 from usdsplat.sim.stage.sample_layer import declare, merge, sampled
@@ -70,6 +74,26 @@ class BakeLayers:
     def end(self, *, keeps_clips: bool) -> None:
         """Remove everything that the named layer does not need."""
         self._remove(_WORK if keeps_clips else (*_CLIPS, *_WORK))
+
+    def discard(self) -> None:
+        """Remove an unfinished named layer and the folder. Complete ones stay: then only the error
+        was late, for example of synchronising with the disk. So does a named layer of an earlier
+        bake that this one has not replaced."""
+        try:
+            is_ours = is_unfinished(self.target)
+        except (OSError, Tf.ErrorException):
+            is_ours = False  # damaged by another program: what a bake puts in place is complete
+        data = [self.folder / name for name in ("samples.usdc", "clips.usda")]
+        if not is_ours and any(map(os.path.exists, data)):
+            with suppress(OSError):
+                self.end(keeps_clips=not os.path.exists(data[0]))
+            return
+        with suppress(OSError):
+            self._remove((*_CLIPS, *_WORK, "samples.usdc"))
+            self.folder.rmdir()
+        if is_ours:
+            with suppress(OSError):
+                self.target.unlink()
 
     def show_clips(self, spans: Sequence[tuple[float, float]], record: Mapping[str, Any]) -> None:
         """Write the named layer over the finished clips.
@@ -155,10 +179,11 @@ class BakeLayers:
         root = self._stage.GetRootLayer()
         if root.anonymous or not root.realPath:
             raise StageError(root.identifier, "a stage without a file", "a saved one")
-        check_referable(root.realPath)
-        used = {Path(layer.realPath) for layer in self._stage.GetUsedLayers() if layer.realPath}
+        for path in (root.realPath, self.folder):
+            check_referable(path, self.target.parent)
+        used = map(Path, stage_files(self._stage))
         if self.target.resolve() in {path.resolve() for path in used}:
-            raise StageError(str(self.target), "a layer of the stage itself", "another name")
+            raise StageError(str(self.target), "a file of the stage itself", "another name")
         if not self.target.parent.is_dir():
             found = os.strerror(errno.ENOENT)
             raise OutputError(str(self.folder), found, "a folder that can be made")

@@ -18,6 +18,7 @@ from pxr import Gf, Sdf, Usd, UsdGeom
 from usdsplat import schema
 from usdsplat.core.cloud import F64
 from usdsplat.core.errors import StageError, UsageError
+from usdsplat.core.readable import check_referable
 from usdsplat.schema.stage_values import up_axis
 from usdsplat.schema.usd_files import export_layer
 from usdsplat.sim.stage import spaces
@@ -100,13 +101,15 @@ def author_preset(
 
     Raises:
         UsageError: If there is no such preset.
-        StageError: If the stage is not from a file, does not have exactly one field, or has a
+        StageError: If the stage is not from a file, or from one of a name that a layer cannot refer
+            to, does not have exactly one field, or has a
             simulation.
         OutputError: If the target cannot be written.
     """
     if name not in get_args(PresetName):
         raise UsageError("preset", repr(name), f"one of {', '.join(get_args(PresetName))}")
     field, file = _only_field(capture), Path(capture.GetRootLayer().realPath)
+    check_referable(file)
     final = Path(os.path.realpath(target))
     if file == final:
         raise UsageError("target", str(target), "another file than the capture's")

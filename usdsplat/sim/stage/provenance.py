@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import importlib.metadata
+import math
 import os
 import platform
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -13,15 +14,26 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pxr import Ar, Sdf, Usd, Vt
+from pxr import Sdf, Usd, Vt
 
 from usdsplat import __version__
 from usdsplat.core.errors import StageError
+from usdsplat.schema.value_clips import clip_files, file_of, layers_without_clips
 from usdsplat.sim.parameters import NAMESPACE
 from usdsplat.sim.stage.recipe import UNGUARDED
 
 KEY = ("usdsplat", "bake")
 """Key in customData and customLayerData, "usdsplat:bake" in USD's spelling."""
+_DIGITS = 12
+"""Hexadecimal digits of the digest of one parameter."""
+_TYPES: dict[str, type] = {
+    "completedFrames": int,
+    "frameRange": Vt.DoubleArray,
+    "inputHash": Vt.StringArray,
+    "parameters": Vt.StringArray,
+    "checkpoint": str,
+}
+"""Types of the entries of a record that are used for more than a comparison."""
 _PREFIXES = (f"{NAMESPACE}:", f"primvars:{NAMESPACE}:", f"collection:{NAMESPACE}")
 
 
@@ -31,6 +43,8 @@ class Provenance:
 
     param_hash: str
     """The result of `parameter_hash`."""
+    parameters: tuple[str, ...]
+    """The result of `parameter_lines`, to name what differs."""
     input_hash: tuple[str, ...]
     """The result of `input_hash`."""
     seed: int
@@ -55,6 +69,7 @@ class Provenance:
         return {
             "solverVersion": __version__,
             "paramHash": self.param_hash,
+            "parameters": Vt.StringArray(list(self.parameters)),
             "inputHash": Vt.StringArray(list(self.input_hash)),
             "seed": self.seed,
             "substeps": self.substeps,
@@ -95,7 +110,10 @@ class Provenance:
                 found += f" ({', '.join(_differing(other.get(key) or (), self.input_hash))})"
             elif key != "paramHash":
                 found += f", {_plain(mine[key])}"
-            expected = "those that the bake was started with, or a new bake"
+            elif differing := _differing(other.get("parameters") or (), self.parameters):
+                found += f", the first is {differing[0]}" if "parameters" in other else ""
+            expected = "those that the bake was started with"
+            expected += " (--set too), or a new bake" if key == "paramHash" else ", or a new bake"
             if key not in ("paramHash", "inputHash"):
                 expected = f"{_plain(other.get(key))}, as when the bake was started, or a new bake"
             raise StageError(f"{target}, resumed", found, expected)
@@ -121,13 +139,29 @@ def parameter_hash(stage: Usd.Stage, times: Sequence[float]) -> str:
     return total.hexdigest()
 
 
+def parameter_lines(stage: Usd.Stage, times: Sequence[float]) -> tuple[str, ...]:
+    """Return "digest  path" of each property that `parameter_hash` counts, sorted by path.
+
+    Args:
+        stage, times: As for `parameter_hash`.
+    """
+    lines = []
+    for prim in stage.Traverse(Usd.TraverseInstanceProxies(Usd.PrimAllPrimsPredicate)):
+        for item in prim.GetAuthoredProperties():
+            if item.GetName().startswith(_PREFIXES):
+                digest = hashlib.sha256(b"".join(_opinions(item, times))).hexdigest()[:_DIGITS]
+                lines.append((str(item.GetPath()), digest))
+    return tuple(f"{digest}  {path}" for path, digest in sorted(lines))
+
+
 def input_hash(
     stage: Usd.Stage,
     without: Iterable[str] = (),
     *,
     reading: AbstractContextManager[Any] = UNGUARDED,
 ) -> tuple[str, ...]:
-    """Return SHA-256 of every layer that a stage is made of, "hash  path" each, sorted by path.
+    """Return SHA-256 of every layer that a stage is made of, value clips included, "hash  path"
+    each, sorted by path.
 
     Args:
         stage: Layers on disk count as files, edits in memory as text.
@@ -139,11 +173,12 @@ def input_hash(
     skipped = set(without)
     with reading:
         root = Path(stage.GetRootLayer().realPath or ".").parent
-        for layer in stage.GetUsedLayers():
+        files.update(map(Path, clip_files(stage)))
+        for layer in layers_without_clips(stage):
             if layer.identifier in skipped:
                 continue
             if layer.realPath and not layer.dirty:
-                files.add(Path(Ar.SplitPackageRelativePathOuter(layer.realPath)[0]))
+                files.add(Path(file_of(layer.realPath)))
             elif not layer.empty:
                 digest = hashlib.sha256(layer.ExportToString().encode()).hexdigest()
                 lines.append((layer.GetDisplayName(), digest))
@@ -155,11 +190,22 @@ def input_hash(
 
 
 def read_record(layer: Sdf.Layer) -> Mapping[str, Any] | None:
-    """Return the record in a bake's root layer, or None."""
+    """Return the record in a bake's root layer, or None; see `well_typed`."""
     entry: Any = layer.customLayerData
     for key in KEY:
         entry = entry.get(key) if isinstance(entry, Mapping) else None
-    return entry if isinstance(entry, Mapping) else None
+    return well_typed(entry) if isinstance(entry, Mapping) else None
+
+
+def well_typed(record: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a record without entries of other types than `Provenance.record` writes."""
+    known: dict[str, Any] = {
+        key: value for key, value in record.items() if isinstance(value, _TYPES.get(key, object))
+    }
+    span = list(known.get("frameRange", ()))
+    if len(span) != 2 or not all(map(math.isfinite, span)):
+        known.pop("frameRange", None)
+    return known
 
 
 def nested(record: Mapping[str, Any]) -> dict[str, Any]:

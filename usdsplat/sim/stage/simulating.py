@@ -16,6 +16,7 @@ from pxr import Usd
 
 from usdsplat.core.errors import OutputError, StageError
 from usdsplat.core.findings import Finding, Findings, finding
+from usdsplat.core.folders import made_folder
 from usdsplat.core.lock import output_lock
 from usdsplat.core.output import Existing
 from usdsplat.core.progress import Progress, silent
@@ -28,7 +29,7 @@ from usdsplat.sim.solver import Solver
 from usdsplat.sim.stage.bake import Bake
 from usdsplat.sim.stage.field_space import changed_arrays, to_field_space
 from usdsplat.sim.stage.plan import BakedField
-from usdsplat.sim.stage.provenance import Provenance, input_hash, parameter_hash
+from usdsplat.sim.stage.provenance import Provenance, input_hash, parameter_hash, parameter_lines
 from usdsplat.sim.stage.recipe import UNGUARDED, StageRecipe, find_simulations, recipes
 from usdsplat.sim.state import Frame, State
 from usdsplat.sim.uses import Uses, uses_over
@@ -244,7 +245,8 @@ def simulate(
 
     Args:
         stage: From a file; opinions on its session layer count.
-        target: The layer of results, a .usda; its samples go to a folder beside it.
+        target: The layer of results, a .usda; its samples go to a folder beside it. Folders are
+            made.
         frames: Every frame, ascending, one apart [time code].
         options: Device, and what to do with an existing bake.
         progress: Receives each finished frame.
@@ -256,7 +258,7 @@ def simulate(
             simulates to this target; `StrictError` too.
     """
     findings = Findings() if findings is None else findings
-    with output_lock(target), compile_time() as compiled:
+    with made_folder(target.parent), output_lock(target), compile_time() as compiled:
         if target.exists() and options.existing == "error":
             raise OutputError(str(target), "a file", "a new name, or --resume or --force")
         clock = Clock(compiled)
@@ -373,11 +375,11 @@ def _provenance(simulation: Simulation, parameters: Parameters) -> Provenance:
     """Return what a bake is made of."""
     sim, stage, frames = parameters.sim, simulation.stage, simulation.frames
     with simulation.reading:
-        rate = stage.GetTimeCodesPerSecond()
-        opinions = parameter_hash(stage, frames)
-        edits = stage.GetSessionLayer().identifier
+        opinions, lines = parameter_hash(stage, frames), parameter_lines(stage, frames)
+        rate, edits = stage.GetTimeCodesPerSecond(), stage.GetSessionLayer().identifier
     return Provenance(
         param_hash=opinions,
+        parameters=lines,
         input_hash=input_hash(stage, without=[edits], reading=simulation.reading),
         seed=sim.seed,
         substeps=sim.substeps,

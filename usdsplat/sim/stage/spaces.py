@@ -10,7 +10,7 @@ from pxr import Usd, UsdGeom
 
 from usdsplat.core.cloud import F32, F64
 from usdsplat.core.errors import StageError
-from usdsplat.schema.stage_values import local_to_world
+from usdsplat.schema.stage_values import local_to_world, ordered_ops
 
 UNIFORM = 1e-4
 """Relative spread of stretches up to which a scale counts as uniform: above the rounding of single
@@ -33,8 +33,9 @@ def placing_times(prims: Iterable[Usd.Prim]) -> list[float]:
     for prim in prims:
         while prim and not prim.IsPseudoRoot():
             if xformable := UsdGeom.Xformable(prim):
+                ops = ordered_ops(prim)  # raises an error for ops that USD does not know
                 times.update(xformable.GetTimeSamples())
-                for attribute in (op.GetAttr() for op in xformable.GetOrderedXformOps()):
+                for attribute in (op.GetAttr() for op in ops):
                     if attribute.HasSpline():
                         times.update(attribute.GetSpline().GetKnots().keys())
             prim = prim.GetParent()

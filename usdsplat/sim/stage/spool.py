@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -149,6 +150,13 @@ class Spool:
         for path in self._folder.glob(f"{self._name}.*.frame"):
             if int(path.name.split(".")[-2]) < before:
                 path.unlink()
+
+    def forget_from(self, first: int) -> None:
+        """Remove the frames from an index on; where that fails, they are written again."""
+        for path in self._folder.glob(f"{self._name}.*.frame"):
+            if int(path.name.split(".")[-2]) >= first:
+                with suppress(OSError):
+                    path.unlink()
 
     def arrays(self) -> dict[str, Array]:
         """Return the arrays that `restore` needs."""

@@ -5,20 +5,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
-from pxr import Sdf, Usd
+from pxr import Usd
 
 from usdsplat.core.errors import UsdSplatError
-from usdsplat.core.findings import Finding, finding, from_error
+from usdsplat.core.findings import Finding, from_error
 from usdsplat.sim.parameters import NAMESPACE
 from usdsplat.sim.stage import collections
+from usdsplat.sim.stage.bake_findings import bake_findings
 from usdsplat.sim.stage.findings import findings
-from usdsplat.sim.stage.provenance import read_record
 from usdsplat.sim.stage.recipe import recipes
 
 _MOST = 1000
-"""Largest number of times at which values are checked."""
+"""Largest number of times at which values are checked: the first ones, and the last."""
 
 
 def validate_simulations(stage: Usd.Stage, *, time: float | None = None) -> list[Finding]:
@@ -29,10 +27,10 @@ def validate_simulations(stage: Usd.Stage, *, time: float | None = None) -> list
         time: Time code to check; None checks wherever a parameter has a sample.
 
     Returns:
-        Errors for what cannot be simulated, the first of each simulation, and for missing results;
-        warnings for unused properties and dead targets.
+        Errors for what cannot be simulated, the first of each simulation, for missing results and
+        for interrupted bakes; warnings for unused properties and dead targets.
     """
-    found = list(_bakes(stage))
+    found = list(bake_findings(stage))
     for prim in collections.find_simulations(stage):
         members = collections.affectors(stage, prim)
         found += findings(prim, members)
@@ -46,18 +44,6 @@ def validate_simulations(stage: Usd.Stage, *, time: float | None = None) -> list
     return found
 
 
-def _bakes(stage: Usd.Stage) -> Iterator[Finding]:
-    """Yield a finding for each missing layer of a bake."""
-    for layer in stage.GetLayerStack(includeSessionLayers=False):
-        if read_record(layer) is None:
-            continue
-        for path in layer.subLayerPaths:
-            if not Sdf.Layer.FindOrOpenRelativeToLayer(layer, path):
-                found = f"a bake without its layer {path}"
-                expected = f"the file beside {layer.GetDisplayName()}"
-                yield finding("no-results", "/", found, expected)
-
-
 def _times(stage: Usd.Stage, prims: list[Usd.Prim]) -> list[float]:
     """Return the times at which a parameter has a sample, and the stage's start."""
     times = {stage.GetStartTimeCode()}
@@ -65,4 +51,5 @@ def _times(stage: Usd.Stage, prims: list[Usd.Prim]) -> list[float]:
         for attribute in prim.GetAuthoredAttributes():
             if attribute.GetName().startswith(f"{NAMESPACE}:"):
                 times.update(attribute.GetTimeSamples())
-    return sorted(times)[:_MOST]
+    found = sorted(times)
+    return found if len(found) <= _MOST else [*found[: _MOST - 1], found[-1]]

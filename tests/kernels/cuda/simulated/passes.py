@@ -14,6 +14,7 @@ from usdsplat.kernels.cuda.device import CudaDevice
 from usdsplat.kernels.cuda.quarter_lists import SIDE
 from usdsplat.kernels.device import CpuDevice
 from usdsplat.kernels.launch import Kernel
+from usdsplat.render.deep_samples import DEEP_IDS
 
 SIZE, SPLATS = (20, 18), 7
 DEEP = ("splats alone", "deep holdout")
@@ -71,6 +72,17 @@ def test_windows_that_overflow_are_followed_by_longer_ones(
     assert longest and all(lengths.size for lengths in longest)
     for each in set(theirs) - {"stats"}:
         np.testing.assert_allclose(ours[each], theirs[each], rtol=1e-4, atol=1e-5, err_msg=each)
+
+
+@pytest.mark.parametrize("name", DEEP)
+def test_ids_of_deep_samples_are_those_of_the_cpu(name: str) -> None:
+    """Oracle: the CPU's loops."""
+    options = {"size": SIZE, "splats": SPLATS, "aovs": DEEP_IDS}
+    (ours,) = drawn_deep(CudaDevice(), CASES[name], 0.0, **options)
+    (theirs,) = drawn_deep(PythonDevice(threads=1), CASES[name], 0.0, **options)
+    assert len(theirs.ids) > 10
+    np.testing.assert_array_equal(ours.ids, theirs.ids)
+    np.testing.assert_allclose(ours.depth, theirs.depth, rtol=1e-5)
 
 
 @pytest.mark.parametrize("name", DEEP)

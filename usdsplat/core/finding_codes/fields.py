@@ -1,0 +1,154 @@
+"""Codes of simulations, of the arrays of splat fields, of other files and of libraries."""
+
+from __future__ import annotations
+
+from usdsplat.core.finding_codes.code import Code
+
+_REWRITE = "author it again, for example with usdsplat convert"
+
+CODES: dict[str, Code] = {
+    # --- simulations ---
+    "unused": Code(
+        "warning",
+        "an authored property has no effect",
+        "correct the property, or remove it",
+    ),
+    "not-simulated": Code(
+        "error",
+        "a simulation cannot run",
+        "correct the value that the sentence names",
+    ),
+    "no-results": Code(
+        "error",
+        "the data of a bake is missing",
+        "restore the folder of its data, or bake it again",
+    ),
+    "unfinished-bake": Code(
+        "error",
+        "a bake was interrupted, and lacks frames",
+        "continue it with simulate --resume and the same --set, or bake it again with --force",
+    ),
+    "left-out-of-simulation": Code(
+        "warning",
+        "a field or its ids are not simulated as authored",
+        "edit the field outside its instance, or correct its ids",
+    ),
+    "fine-pattern": Code(
+        "warning",
+        "a reaction-diffusion pattern is finer than the splats can show",
+        "increase splatSim:rd:patternScale, or use more splats",
+    ),
+    "trapped-splats": Code(
+        "warning",
+        "splats remain inside affectors",
+        "leave enough space between affectors",
+    ),
+    # --- arrays of fields ---
+    "wrong-type": Code("error", "an attribute does not have the schema's type", _REWRITE),
+    "empty-first": Code(
+        "warning",
+        "the first time sample of an array is empty",
+        "begin with at least one splat; its opacity can be 0",
+    ),
+    "no-splats": Code("warning", "a field has no splats", "author positions"),
+    "missing": Code("warning", "an attribute of a field has no value", "author it"),
+    "too-short": Code(
+        "error", "an array has fewer values than splats", "author one value for each centre"
+    ),
+    "too-long": Code(
+        "warning", "an array has more values than splats", "author one value for each centre"
+    ),
+    "not-finite": Code(
+        "error", "an array has NaN or infinity", "prune the splats with NaN or infinity"
+    ),
+    "repeated-ids": Code(
+        "error", "several splats have the same id", "give every splat a unique id"
+    ),
+    "half-only": Code(
+        "warning",
+        "only half arrays are authored, which other applications do not read",
+        "convert to the float form for interchange",
+    ),
+    "negative-scale": Code("error", "a scale is negative", "author standard deviations"),
+    "zero-scale": Code(
+        "warning",
+        "a scale is 0, which other applications reject",
+        "give flat splats a small thickness",
+    ),
+    "not-unit": Code("error", "an orientation is no unit quaternion", "normalise the quaternions"),
+    "opacity-range": Code("error", "an opacity is outside 0 to 1", "author opacities"),
+    "degree": Code(
+        "error", "the degree of the harmonics is invalid", "author the degree of the coefficients"
+    ),
+    "interchange-degree": Code(
+        "warning",
+        "the degree is higher than other applications read",
+        "lower the degree for interchange",
+    ),
+    "coefficient-count": Code(
+        "error",
+        "the number of harmonics does not fit splats and degree",
+        "author (degree + 1)^2 for each centre",
+    ),
+    "element-size": Code(
+        "warning", "the elementSize of the harmonics is wrong", "set the attribute's elementSize"
+    ),
+    "interpolation": Code(
+        "warning",
+        "the interpolation of the harmonics is wrong",
+        "set the attribute's interpolation",
+    ),
+    "no-color-space": Code(
+        "warning", "a field has no colour space", "apply ColorSpaceAPI and name one"
+    ),
+    "unknown-color-space": Code(
+        "error", "USD does not know the colour space of a field", "name one of Gf.ColorSpaceNames"
+    ),
+    "unknown-mode": Code("error", "a rendering hint has an unknown value", "author a listed one"),
+    "illegal-grade": Code("error", "a grade is out of range", "author a legal value"),
+    "no-extent": Code("error", "a field has no extent", "author the extent"),
+    "extent-size": Code("error", "an extent has not two corners", "author the extent"),
+    "extent-too-small": Code("warning", "an extent does not hold the splats", "author the extent"),
+    "unknown-packing": Code(
+        "error",
+        "the layout of a packed field is unknown",
+        "read the prim with the version of usdsplat that wrote it, or a newer one",
+    ),
+    "packed-count": Code("error", "packed arrays do not fit together", _REWRITE),
+    "range": Code("error", "the value range of a packed field is invalid", _REWRITE),
+    "bad-up-axis": Code("error", "the stage's upAxis is neither Y nor Z", "author Y or Z"),
+    "no-up-axis": Code("warning", "the stage has no upAxis", "author upAxis in the root layer"),
+    "no-meters-per-unit": Code(
+        "warning", "the stage has no metersPerUnit", "author metersPerUnit in the root layer"
+    ),
+    # --- other files ---
+    "not-converted": Code(
+        "error",
+        "a field cannot be converted within a file that refers to others",
+        "convert with --flatten, or convert the file that has the field",
+        "it keeps its form",
+    ),
+    "not-applied": Code(
+        "warning",
+        "a field that is written to a capture has a grade or a crop",
+        "apply the crop with --crop-box or --crop-sphere, and grade in another application; or "
+        "convert to a stage, which keeps both",
+        "it is not applied",
+    ),
+    "assumed-space": Code(
+        "note",
+        "a reference picture does not name its colour space",
+        "give --reference-space, or write the space into the file",
+    ),
+    # --- libraries ---
+    "usd-message": Code(
+        "note",
+        "a message of USD itself, printed with --verbose",
+        "see the documentation of USD",
+    ),
+    "python-warning": Code(
+        "note",
+        "a warning of NumPy or another library, printed with --verbose",
+        "report it with the file if the result is wrong",
+    ),
+}

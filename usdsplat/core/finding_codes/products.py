@@ -1,0 +1,131 @@
+"""Codes of render products and of misspelt names."""
+
+from __future__ import annotations
+
+from usdsplat.core.finding_codes.code import Code
+
+CODES: dict[str, Code] = {
+    # --- products ---
+    "unknown-var": Code(
+        "warning",
+        "a RenderVar requests something that is not rendered",
+        "use one of the listed names as sourceName, or remove the var from the product",
+        "it is left out",
+    ),
+    "unsupported-pass": Code(
+        "warning",
+        "a collection of a RenderPass is not supported",
+        "set visibility on the stage instead",
+        "all are drawn, because the collection is not supported",
+    ),
+    "deep-aovs": Code(
+        "warning",
+        "a deep picture holds only color, Z, ids and cryptoObject",
+        "request the other AOVs with a flat product",
+        "the others are left out",
+    ),
+    "deep-settings": Code(
+        "note",
+        "settings apply to flat pictures only",
+        "use them for a flat product",
+        "they have no effect on a deep picture",
+    ),
+    "unsupported-name": Code(
+        "note",
+        "a RenderVar names channels otherwise than usdsplat does",
+        "rename the channels in compositing, or author sourceName",
+        "the channels have the names of the AOV",
+    ),
+    "png-aovs": Code(
+        "warning",
+        "a PNG holds only color",
+        "name an EXR for the other AOVs",
+        "the others are left out",
+    ),
+    "unused-config": Code(
+        "note",
+        "the variable OCIO names a config, but a picture for displays has no OCIO view",
+        "give --view or --bake-view, or author splat:ocioView",
+        "the picture has plain sRGB",
+    ),
+    "unused-view": Code(
+        "note",
+        "an OCIO view or config is named for a picture that is not drawn through a view",
+        "give --bake-view, or --color-mode inverseView",
+        "it has no effect",
+    ),
+    "product-metadata": Code(
+        "warning",
+        "a RenderProduct asks for a header entry or a compression that pictures cannot have",
+        "choose another name, or remove the attribute",
+        "it is left out",
+    ),
+    "bad-window": Code(
+        "error",
+        "a data window is not finite",
+        "author finite numbers",
+        "the whole window is rendered",
+    ),
+    "bad-product": Code(
+        "error",
+        "a RenderProduct cannot be drawn as authored",
+        "correct the attribute that the sentence names",
+    ),
+    "bad-settings": Code(
+        "error",
+        "a RenderSettings prim or a RenderPass cannot be used",
+        "correct the attribute that the sentence names",
+    ),
+    "wide-lens": Code(
+        "warning",
+        "a lens is wider than a tenth of its focus distance, so that nearly all is blurred",
+        "check focalLength, fStop and focusDistance: USD's focal lengths are in tenths of a scene "
+        "unit, so that millimetres need a metersPerUnit of 0.01",
+    ),
+    "holdout-depth": Code(
+        "warning",
+        "a flat holdout has pixels with A above 0 but no finite depth, as pictures have whose A is "
+        "filtered or averaged over samples and whose Z is not",
+        "use a holdout with the depth of the nearest surface wherever A is above 0, or a deep one",
+        "these pixels hide nothing",
+    ),
+    "nothing-checked": Code(
+        "warning",
+        "a stage has nothing to check",
+        "check the path of the file, its payloads and its population mask",
+    ),
+    "not-checked": Code(
+        "note",
+        "a stage has more times with samples than are checked",
+        "check single frames with --frame",
+    ),
+    "unreadable": Code(
+        "error",
+        "a file to check cannot be read",
+        "repair the file, or correct its path",
+    ),
+    "no-blur": Code(
+        "note",
+        "a camera has a shutter or a lens, but one sample shows no blur",
+        "render with several samples, for example --samples 64",
+    ),
+    "outside-range": Code(
+        "note",
+        "a frame to draw is outside of the range from the stage's startTimeCode to its endTimeCode",
+        "check --frames, or the range of the stage",
+        "it is drawn with the values that the stage has there",
+    ),
+    "nothing-to-draw": Code(
+        "error",
+        "nothing is drawn in a picture",
+        "check visibility, purposes, camera and clipping range",
+        "the picture is empty",
+    ),
+    # --- names ---
+    "unknown-name": Code(
+        "warning",
+        "a property in the namespace splat: or splatSim:, or an input of a shader, has an unknown "
+        "name",
+        "correct the name, or remove the property",
+    ),
+}

@@ -1,0 +1,121 @@
+"""Codes of composition and drawing."""
+
+from __future__ import annotations
+
+from usdsplat.core.finding_codes.code import Code
+
+CODES: dict[str, Code] = {
+    # --- composition ---
+    "missing-asset": Code(
+        "error",
+        "a reference, payload, sublayer or texture names a file that is missing or unreadable",
+        "restore the file, or correct the asset path",
+    ),
+    "missing-prim": Code(
+        "error",
+        "a reference or a collection names a prim that does not exist",
+        "correct the path",
+    ),
+    "composition": Code(
+        "warning",
+        "USD cannot compose a part of the stage as authored",
+        "correct the composition arc that the sentence names",
+    ),
+    "units-mismatch": Code(
+        "warning",
+        "an asset has another metersPerUnit than the layer that refers to it",
+        "scale the prim that refers to it, or convert the asset",
+        "the asset is not scaled",
+    ),
+    "axes-mismatch": Code(
+        "warning",
+        "an asset has another upAxis than the layer that refers to it",
+        "rotate the prim that refers to it, or convert the asset",
+        "the asset is not turned",
+    ),
+    "ignored-opinion": Code(
+        "warning",
+        "an opinion below an instanceable prim has no effect",
+        "author it in the instanced asset, or set instanceable to false on the prim",
+    ),
+    # --- drawing ---
+    "not-drawn": Code(
+        "error",
+        "a splat field or a surface cannot be drawn",
+        "correct the values that the sentence names",
+        "it is not drawn",
+    ),
+    "left-out": Code(
+        "warning",
+        "a part of a surface, such as a primvar or a subset, cannot be used",
+        "correct the values that the sentence names",
+        "it is left out",
+    ),
+    "bad-instancer": Code(
+        "error",
+        "a point instancer, or one of its prototypes, cannot be used",
+        "correct the values that the sentence names",
+    ),
+    "bad-transform": Code(
+        "error",
+        "a transform is not finite, or has an op that USD does not know",
+        "correct the xformOps of the prim or its ancestors",
+        "what it places is not drawn",
+    ),
+    "bad-camera": Code(
+        "error",
+        "a camera cannot form an image",
+        "correct the attribute that the sentence names",
+    ),
+    "bad-shutter": Code(
+        "warning",
+        "a shutter closes before it opens",
+        "set shutter:open to no more than shutter:close",
+    ),
+    "bad-light": Code(
+        "error",
+        "the numbers or the transform of a light are not usable",
+        "correct the attribute that the sentence names",
+    ),
+    "crop-member": Code(
+        "error",
+        "a member of a crop collection cannot crop",
+        "remove it from the collection, or replace it with a shape",
+        "it does not crop",
+    ),
+    "empty-crop": Code(
+        "error",
+        "a crop collection has no volumes, or a volume has no size",
+        "add a shape with a size, or remove the collection",
+    ),
+    "unsupported-light": Code(
+        "warning",
+        "a light is of a type that is not supported; only DistantLight is",
+        "use distant lights, or hide the light",
+        "it does not light the surfaces",
+    ),
+    "unsupported-input": Code(
+        "warning",
+        "an input of a light or a shader is not supported",
+        "remove it, or bake its effect into diffuseColor",
+        "it has no effect",
+    ),
+    "unsupported-surface": Code(
+        "warning",
+        "a material has no UsdPreviewSurface",
+        "add a UsdPreviewSurface for all renderers to the material",
+        "displayColor or grey is drawn",
+    ),
+    "unsupported-prim": Code(
+        "warning",
+        "a prim is of a type that is not drawn, such as curves or a volume",
+        "convert it to a mesh, or hide it",
+        "it is not drawn",
+    ),
+    "unknown-type": Code(
+        "error",
+        "USD has loaded no schema with the type of a prim",
+        "correct the type, or load the plug-in with its schema",
+        "it is not drawn",
+    ),
+}
