@@ -1,0 +1,150 @@
+"""The nodes of a splat tree: bounds, errors, children, and where the splats of each one lie.
+
+A tree holds a capture of any size at several levels of detail. A leaf holds splats of the capture.
+An inner node holds proxies, fewer and larger splats that stand for all splats below it. A picture
+draws a cut: from the root down, either the proxies of a node or its children. Residents are splats
+that are too large for any node below; they are drawn as soon as their node is reached, whether it
+is refined or not.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from usdsplat.core.cloud import F32, I32, I64
+from usdsplat.core.errors import StageError
+
+NESTED = 1.25
+"""Least ratio of a node's error to that of each of its children."""
+NODE_SPLATS = 65_536
+"""Largest number of proxies, or of splats of a leaf, that a built tree has in a node."""
+
+_SLACK = 1e-5
+"""Part of a box's size by which single precision may let a child's box exceed its parent's."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class NodeTable:
+    """The nodes of a tree of n nodes, breadth first: node 0 is the root, and the children of each
+    node follow each other, after all nodes of the level above."""
+
+    low: F32
+    """Lower corner of the box around the splats of the node and of all below it, at 3 standard
+    deviations [local unit], shape (n, 3)."""
+    high: F32
+    """Upper corner, shape (n, 3)."""
+    errors: F32
+    """Size of a pixel at which the picture of the node's proxies is good enough [local unit], shape
+    (n,): 0 for a leaf; infinity for a node without proxies, which is always refined."""
+    first_child: I32
+    """First child, shape (n,); 0 for a leaf."""
+    child_count: I32
+    """Number of children, shape (n,); 0 for a leaf."""
+    chunk: I32
+    """Number of the chunk that holds the splats, shape (n,); -1 if the node has none."""
+    first_row: I64
+    """Row of the chunk at which the node's proxies begin; its residents follow. Shape (n,)."""
+    proxies: I64
+    """Number of proxies, or of splats of a leaf, shape (n,)."""
+    residents: I64
+    """Number of residents, shape (n,)."""
+
+    def __len__(self) -> int:
+        """Return the number of nodes."""
+        return len(self.errors)
+
+    def parents(self) -> I32:
+        """Return the parent of each node, shape (n,); -1 for the root. The table is valid."""
+        found = np.full(len(self), -1, np.int32)
+        inner = np.flatnonzero(self.child_count)
+        counts = self.child_count[inner]
+        starts = np.cumsum(counts) - counts
+        offsets = np.arange(counts.sum()) - np.repeat(starts, counts)
+        found[np.repeat(self.first_child[inner], counts) + offsets] = np.repeat(inner, counts)
+        return found
+
+    def depths(self) -> I32:
+        """Return the number of nodes above each node, shape (n,). The table is valid."""
+        parents, found = self.parents(), np.zeros(len(self), np.int32)
+        for node in range(1, len(self)):  # a parent comes before its children
+            found[node] = found[parents[node]] + 1
+        return found
+
+
+def check_nodes(table: NodeTable, where: str, *, chunks: int) -> None:
+    """Raise an error unless the table is that of a tree.
+
+    Nothing is allocated in proportion to a number that the table states.
+
+    Args:
+        table: Values of a file, of any content and length.
+        where: Path of the prim.
+        chunks: Number of chunks of the tree.
+
+    Raises:
+        StageError: If there is no node, arrays differ in length or have wrong shapes, a number is
+            negative or not finite, children are not as `NodeTable` says, a child's box is not
+            inside its parent's, or an error is not at least NESTED times a child's.
+    """
+    n = len(table)
+    for field in fields(table):
+        array = getattr(table, field.name)
+        shape = (n, 3) if field.name in ("low", "high") else (n,)
+        if array.shape != shape:
+            found = f"{field.name} of shape {array.shape}"
+            raise StageError(where, found, f"{shape}, for {n} nodes")
+    if n == 0:
+        raise StageError(where, "no nodes", "at least one")
+    _check_links(table, where)
+    _check_values(table, where, chunks)
+    parents = table.parents()[1:]
+    slack = _SLACK * (table.high[parents] - table.low[parents]).max(axis=1, keepdims=True)
+    outside = (table.low[1:] < table.low[parents] - slack) | (
+        table.high[1:] > table.high[parents] + slack
+    )
+    if outside.any():
+        node = 1 + int(np.flatnonzero(outside.any(axis=1))[0])
+        raise StageError(where, f"node {node} beyond the box of its parent", "nested boxes")
+    growing = table.errors[parents] < np.float32(NESTED * (1 - 1e-6)) * table.errors[1:]
+    if growing.any():
+        node = 1 + int(np.flatnonzero(growing)[0])
+        found = f"node {node} with the error {table.errors[node]:g}"
+        raise StageError(where, found, f"at most 1/{NESTED:g} of its parent's")
+
+
+def _check_links(table: NodeTable, where: str) -> None:
+    """Raise an error unless every node but the first is the child of exactly one earlier node."""
+    n = len(table)
+    counts = table.child_count.astype(np.int64)
+    if (counts < 0).any() or counts.sum() != n - 1:
+        raise StageError(where, f"{counts.sum()} children", f"{n - 1}, as there are {n} nodes")
+    inner = np.flatnonzero(counts)
+    expected = 1 + np.cumsum(counts[inner]) - counts[inner]
+    wrong = (table.first_child[inner] != expected) | (expected <= inner)
+    if wrong.any():
+        node = int(inner[np.flatnonzero(wrong)[0]])
+        raise StageError(where, f"node {node} with wrong children", "nodes breadth first")
+
+
+def _check_values(table: NodeTable, where: str, chunks: int) -> None:
+    """Raise an error for numbers that no node may have."""
+    leaf = table.child_count == 0
+    empty = table.proxies + table.residents == 0
+    for wrong, what in (
+        (~np.isfinite(table.low).all(axis=1), "a box that is not finite"),
+        (~(table.low <= table.high).all(axis=1), "a box that is inside out"),
+        ((table.proxies < 0) | (table.residents < 0), "a negative number of splats"),
+        (table.proxies + table.residents < 0, "too many splats"),
+        ((table.first_row < 0) | (table.first_row > 1 << 40), "a row out of range"),
+        (np.isnan(table.errors) | (table.errors < 0), "an error that is no length"),
+        (leaf & (table.errors != 0), "children missing, but an error above 0"),
+        (~leaf & (table.errors == 0), "children, but the error 0"),
+        (~leaf & (table.proxies == 0) & np.isfinite(table.errors), "children and no proxies"),
+        ((table.chunk < -1) | (table.chunk >= chunks), f"a chunk beyond the {chunks} that are"),
+        ((table.chunk == -1) & ~empty, "splats, but no chunk"),
+    ):
+        if wrong.any():
+            node = int(np.flatnonzero(wrong)[0])
+            raise StageError(where, f"node {node} with {what}", "the table of a splat tree")
