@@ -253,9 +253,7 @@ class Projector:
 
     def _footprint(self, spec: FieldSpec) -> float:
         """Return the size of a pixel from which on the low-pass lowers the opacity [local unit]."""
-        mode = self.settings.rasterize_mode
-        if mode == "auto" or (mode == "footprint" and not spec.footprint):
-            mode = spec.rasterize_mode
+        mode = spec.drawn_mode(self.settings.rasterize_mode)
         if mode == "classic" or self.settings.display_mode in ("points", "ellipses"):
             return math.inf  # points and ellipses would otherwise vanish in the distance
         return spec.footprint if mode == "footprint" else 0.0
