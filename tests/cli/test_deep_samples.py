@@ -204,8 +204,8 @@ def test_a_product_and_its_settings_may_ask_for_all_of_it(run, blurred, tmp_path
     status, _, err = run("render", blurred, *given)
     assert status == 0
     assert (
-        "note [deep-settings] /Render/deep: found splat:tileSize 32, expected none of these in a "
-        "deep picture; they have no effect on a deep picture" in err
+        "note [deep-settings] /Render/deep: found splat:tileSize 32, expected none of these; "
+        "they have no effect on a deep picture" in err
     )
     flags = ("--deep", "--samples", 8, "--aovs", "color,id,splatId")
     assert run("render", blurred, "-o", tmp_path / "f.exr", *flags, *given)[0] == 0
@@ -236,6 +236,7 @@ def test_flags_without_effect_are_said(run, shot, tmp_path, flags, found):
         assert "deep-settings" not in err
         return
     assert f"note [deep-settings] render: found {found}, expected none of these" in err
+    assert "unused-view" not in err
     assert run("render", shot, "-o", tmp_path / "b.exr", *given)[0] == 0
     ours, theirs = (samples_of(tmp_path / name)[0] for name in ("a.exr", "b.exr"))
     for name, values in theirs.items():

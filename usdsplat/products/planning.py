@@ -117,8 +117,9 @@ def _finished(
     if deep or settings.color_mode == "auto":
         settings = replace(settings, color_mode="scene" if deep else suited)
     is_baked = settings.color_mode != "display" and (is_png or request.bake_view)
-    settings, unused = _with_config(settings, where, is_baked=is_baked, is_png=is_png)
-    findings = (*findings, *unused)
+    if not deep:  # `without_effect` names the view of a deep picture
+        settings, unused = _with_config(settings, where, is_baked=is_baked, is_png=is_png)
+        findings = (*findings, *unused)
     _check_view(settings, is_from_variable=settings.ocio_config != spec.settings.ocio_config)
     start_offset(settings, engine.stage_info())  # raises an error if the time code does not exist
     _check_purposes(f"{where} purposes", request.purposes or spec.purposes)

@@ -84,7 +84,7 @@ def without_effect(where: str, settings: RenderSettings) -> Iterator[Finding]:
     if names:
         properties = {knob: name for name, knob in usd_names().items()}
         found = ", ".join(f"{properties[name]} {getattr(settings, name)}" for name in names)
-        yield finding("deep-settings", where, found, "none of these in a deep picture")
+        yield finding("deep-settings", where, found, "none of these")
 
 
 def what_fails(path: Path, stats: FrameStats) -> str:
