@@ -8,6 +8,7 @@ and there are no further layers.
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 
 from usdsplat.images.aovs import AOVS
 from usdsplat.images.exr_bytes import Channels
@@ -38,6 +39,21 @@ def id_channels(aovs: tuple[str, ...]) -> Channels:
         elif name in CRYPTOMATTES:
             found |= dict.fromkeys(AOVS[name].channels[:4], np.dtype("<f4"))
     return dict(sorted(found.items()))
+
+
+def deep_channels(
+    aovs: tuple[str, ...], color: npt.DTypeLike = np.float16, *, merged: bool
+) -> Channels:
+    """Return the channels of a file with these AOVs.
+
+    Args:
+        aovs: AOVs beside color and Z, which every file has.
+        color: Type of the colour and of the opacity.
+        merged: Whether samples have a ZBack.
+    """
+    channels: Channels = dict.fromkeys("ABGR", np.dtype(color))
+    channels |= dict.fromkeys(("Z", "ZBack")[: 1 + merged], np.dtype("<f4"))
+    return channels | id_channels(aovs)
 
 
 def meanings(aovs: tuple[str, ...]) -> dict[str, str]:

@@ -103,6 +103,12 @@ def _empty_depth(plan: PicturePlan, view: View) -> float:
     ]
 
 
+def stage_hash(engine: Engine) -> str:
+    """Return the hash of the files of the engine's stage, as in headers; "" if there is none."""
+    info = engine.stage_info()
+    return source_hash(info.files, info.clips)
+
+
 def picture_header(engine: Engine, plan: PicturePlan, view: View, *, origin: Origin) -> Metadata:
     """Return all entries of a picture's header. For arguments see `labelled_layout`."""
     window, _ = conform(view.camera.window, view.framing)
@@ -121,7 +127,7 @@ def picture_header(engine: Engine, plan: PicturePlan, view: View, *, origin: Ori
             shutter=view.camera.shutter,
             offset=start_offset(plan.settings, info),
         ),
-        **origin_metadata(source_hash(info.files, info.clips)),
+        **origin_metadata(stage_hash(engine)),
         **picture_metadata(
             stage=origin.stage,
             frame=origin.frame,
