@@ -115,7 +115,8 @@ def _finished(
         settings, lacking = _with_deep_compression(settings, where)
         findings = (*findings, *lacking)
     if deep or settings.color_mode == "auto":
-        settings = replace(settings, color_mode="scene" if deep else suited)
+        through_view = is_png and (request.bake_view or _names_view(settings))
+        settings = replace(settings, color_mode="scene" if deep or through_view else suited)
     is_baked = settings.color_mode != "display" and (is_png or request.bake_view)
     if not deep:  # `without_effect` names the view of a deep picture
         settings, unused = _with_config(settings, where, is_baked=is_baked, is_png=is_png)
@@ -151,6 +152,12 @@ def _finished(
     return picture
 
 
+def _names_view(settings: RenderSettings) -> bool:
+    """Return whether a view or its config is named."""
+    names = (settings.ocio_display, settings.ocio_view, settings.ocio_look, settings.ocio_config)
+    return any(names)
+
+
 def _with_config(
     settings: RenderSettings, where: str, *, is_baked: bool, is_png: bool
 ) -> tuple[RenderSettings, tuple[Finding, ...]]:
@@ -164,7 +171,7 @@ def _with_config(
     """
     config = os.environ.get("OCIO", "")
     names = (settings.ocio_display, settings.ocio_view, settings.ocio_look)
-    if settings.color_mode == "scene" and not is_baked and any((*names, settings.ocio_config)):
+    if settings.color_mode == "scene" and not is_baked and _names_view(settings):
         found = next(filter(None, (*names, settings.ocio_config)))
         expected = f"a picture through a view: --bake-view for {where}"
         return settings, (finding("unused-view", where, found, expected),)
