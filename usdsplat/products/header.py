@@ -143,9 +143,18 @@ def picture_header(engine: Engine, plan: PicturePlan, view: View, *, origin: Ori
         entries["usdsplat:ids"] = json.dumps(info.prims)
     for layer in cryptomatte.LAYERS:
         if layer in plan.aovs:
-            groups = engine.render_scene.matte_groups(layer)
-            entries |= cryptomatte.metadata(layer, groups.names)
+            entries |= cryptomatte.metadata(layer, _matte_names(engine, layer, info))
     return entries
+
+
+def _matte_names(engine: Engine, layer: str, info: StageInfo) -> tuple[str, ...]:
+    """Return the names of a manifest. What is hidden at the frame may be visible at another time of
+    the shutter, and a manifest that all frames share is simpler to use."""
+    if layer == "cryptoObject":
+        return info.prims
+    if layer == "cryptoAsset":
+        return info.assets
+    return engine.render_scene.matte_groups(layer).names
 
 
 def start_offset(settings: RenderSettings, info: StageInfo) -> int:

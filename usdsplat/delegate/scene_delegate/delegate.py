@@ -221,8 +221,8 @@ class UsdSceneDelegate:
     def stage_info(self) -> StageInfo:
         """Return the values of the stage that headers of pictures contain."""
         entries = (entry for _, entry in self._population.rprims())
-        placed = (seen.placement.path for entry in entries for seen in entry.appearances)
-        return read_stage_info(self.stage, prims=tuple(sorted(set(placed))))
+        placed = (seen.placement for entry in entries for seen in entry.appearances)
+        return read_stage_info(self.stage, placed)
 
     def field(self, path: str) -> FieldSpec | None:
         """Implement `SceneDelegate.field`."""
