@@ -129,6 +129,20 @@ def test_it_flattens_to_the_flat_picture_of_the_same_samples(
         assert decibels(flattened(tmp_path / "d.exr"), expected) < 45
 
 
+def test_overscan_of_the_beauty_flattens_to_the_flat_picture(run, blurred, tmp_path, monkeypatch):
+    """Where bands begin above row 0, in memory that allows several bands. Oracle: the flat
+    picture, 60 dB or more."""
+    monkeypatch.setattr(memory, "resident", lambda: 300 << 20)
+    flags = ("--overscan", 8, "--samples", 4, "--frames", 2, "--resolution", "96x64")
+    beauty = ("--deep", "--deep-color", "beauty", "--memory-limit", "420M")
+    deep, flat = tmp_path / "d.exr", tmp_path / "f.exr"
+    assert run("render", blurred, "-o", deep, *beauty, *flags)[0] == 0
+    assert run("render", blurred, "-o", flat, "--float", *flags)[0] == 0
+    found, expected = flattened(deep), read(flat)
+    assert found.shape == expected.shape == (80, 112, 4)
+    assert decibels(found, expected) > 60
+
+
 def test_each_sample_says_what_it_is_of(run, blurred, tmp_path):
     """Oracle: the header's tables; the weights of a prim's samples sum to its coverage in the flat
     picture's Cryptomatte, whose hashes are those of the samples; rows of arrays."""

@@ -165,7 +165,8 @@ def render_merged_deep(
     most = HELD * band_pixels
     rows = max(1, band_pixels // (x1 - x0) // TILE) * TILE
     while y0 < end:
-        y1 = min(end, (y0 // rows + 1) * rows)
+        unit = min(rows, TILE)  # strips end as `Screen.bands` do
+        y1 = min(end, (y0 + rows) // unit * unit)
         window = x0, y0, x1, y1
         try:
             samples = merged_region(frame, camera, screen, window, most)
