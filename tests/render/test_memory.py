@@ -17,7 +17,7 @@ from usdsplat.images.holdout import open_holdout
 from usdsplat.images.holdout_nodes import STRIP
 from usdsplat.kernels import project
 from usdsplat.kernels.devices import open_device
-from usdsplat.render import memory
+from usdsplat.render import deep_memory, memory
 from usdsplat.render.buffers import Sizes
 from usdsplat.render.frame import DEEP_PIXELS
 from usdsplat.render.memory import PictureRequest
@@ -105,13 +105,22 @@ def test_ids_of_deep_samples_take_what_is_declared(settings):
     pixels = 64 * 256
     how = replace(SETTINGS, **settings)
     none, one, two = (needed(scene, deep=True, deep_ids=ids, settings=how) for ids in range(3))
-    merging = 8 * 64 if settings else 0
+    merging = 8 * 128 if settings else 0
     assert two.band - one.band == (24 * 48 + merging) * pixels
     assert one.splats - none.splats == two.splats - none.splats > 0
     plain = needed(scene, deep=True).band
     if "samples" in settings:
         # sums of the flat picture that a deep one is compared with, and entries
-        assert none.band - plain == (16 + 40 * 64) * pixels
+        assert none.band - plain == (16 + 40 * 128) * pixels
+
+
+def test_what_a_limit_leaves_is_for_contributions_that_are_merged():
+    """Oracle: bytes of a contribution and of the sample that it becomes, with an id: 40 + 8 and 80
+    + 24, and 32 for the beauty."""
+    for settings, each in ((SETTINGS, 152), (replace(SETTINGS, deep_color="beauty"), 184)):
+        assert deep_memory.entries_within(settings, 1, 10**9) == 10**9 // each
+        usual = deep_memory.deep_bytes(replace(settings, samples=2), 1)
+        assert usual == 128 * 48 + 48 * (each - 48)
 
 
 def check(renderer, scene, view, settings, request) -> None:

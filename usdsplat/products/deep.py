@@ -15,6 +15,7 @@ from usdsplat.products.deep_ids import DeepIds, deep_ids
 from usdsplat.products.flat_rows import FlatRows
 from usdsplat.products.flattening import flattened
 from usdsplat.products.picture_file import PictureFile, RowsWritten
+from usdsplat.render.renderer import DeepSize
 
 
 @dataclass(slots=True)
@@ -59,7 +60,7 @@ def draw_deep(engine: Engine, file: PictureFile, *, rows_written: RowsWritten) -
         settings,
         deep_ids(plan.aovs),
         holdout=file.holdout,
-        band_pixels=file.band_pixels,
+        size=DeepSize(band_pixels=file.band_pixels, entries=file.deep_entries),
     )
     flat = None
     if plan.needs_flat:

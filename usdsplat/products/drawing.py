@@ -164,6 +164,7 @@ def draw_frames(
             layout=labelled_layout(engine, plan, view, origin=origin),
             holdout=None if holdout is None else holdout.rows,
             band_pixels=budgets[plan].band_pixels,
+            deep_entries=budgets[plan].deep_entries,
         )
         try:
             cancel.check()

@@ -43,13 +43,6 @@ PROBES = 100_000
 """Number of splats that are tested to estimate how many are visible."""
 UNEVEN = 1.5
 """Pairs of splat and tile in the fullest band, relative to the mean of all bands."""
-DEEP_SAMPLES = 48
-"""Mean number of samples in a deep pixel, for a dense capture that fills the picture."""
-DEEP_SAMPLE = 80
-"""Bytes per deep sample: 24 in arrays, 24 in the copy with surfaces, 24 in the previous strip that
-the caller still holds, 8 in rows that are being written."""
-BEAUTY_SAMPLE = 32
-"""Bytes per deep sample whose colour is scaled to the beauty: the scaled colour, and its factor."""
 WRITER, WRITER_ROWS = 4, 64
 """Number of copies of the rows that are being written to a file, and number of these rows."""
 
@@ -154,9 +147,8 @@ def estimate(
     kept = 0
     if request.deep:
         top, bottom = next(screen.bands(min(band_pixels, DEEP_PIXELS)))
-        sample = DEEP_SAMPLE + BEAUTY_SAMPLE * (settings.deep_color == "beauty")
-        more = deep_bytes(settings, request.deep_ids, DEEP_SAMPLES)
-        kept = (bottom - top) * (x1 - x0) * (DEEP_SAMPLES * sample + more)
+        per_pixel = deep_bytes(settings, request.deep_ids)
+        kept = (bottom - top) * (x1 - x0) * per_pixel
     written = (aov for aov in AOVS.values() if aov.hydra in request.aovs)
     channels = sum(len(aov.with_rank(settings.crypto_rank).channels) for aov in written)
     writing = WRITER * WRITER_ROWS * (x1 - x0) * 4 * channels
