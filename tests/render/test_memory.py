@@ -13,6 +13,7 @@ from tests.images.test_deep import deep_picture, write_deep
 from tests.images.test_holdout import flat
 from tests.render import everything
 from tests.render.rendering import lens, random_cloud, scene_of, settings_of, view_of
+from usdsplat import images
 from usdsplat.images.holdout import open_holdout
 from usdsplat.images.holdout_nodes import STRIP
 from usdsplat.kernels import project
@@ -206,6 +207,39 @@ def test_a_holdout_takes_what_is_declared(tmp_path, kind):
         holdout.nodes * columns * (rows * memory.HOLDOUT_NODE + STRIP * memory.STRIP_NODE)
     )
     assert expected / 3 < peak < expected
+
+
+def test_a_crop_of_a_deep_holdout_takes_what_is_declared(tmp_path):
+    """Oracle: as above, of the crop's columns, and what two threads decode: four rows of 1,500
+    columns."""
+    rows, columns, crop = 64, 1500, (700, 732)
+    write_deep(tmp_path / "a.exr", deep_picture(rows, columns, most=20), merged=True)
+    holdout = open_holdout(tmp_path / "a.exr", resolution=(columns, rows))
+    before = images.thread_count()
+    images.limit_threads(2)
+    try:
+        tracemalloc.start()
+        kept = holdout.rows(crop[0], 0, crop[1], rows)
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+        images.limit_threads(before)
+    assert len(kept[0]) == 32 * rows + 1
+    expected = rows * 32 * memory.HOLDOUT_ROWS + int(
+        holdout.nodes * 32 * rows * (memory.HOLDOUT_NODE + memory.STRIP_NODE)
+    )
+    assert peak < expected + 4 * 1500 * 20 * 40
+
+
+@pytest.mark.parametrize("y0", [0, -8, 5])
+def test_a_band_is_the_highest_of_the_picture(scene, y0):
+    """Where the first and the last are lower. Oracle: the bands."""
+    view = View(camera=VIEW.camera, framing=Framing(resolution=SIZE, data_window=(0, y0, 256, 200)))
+    found = memory.estimate(
+        scene, view, SETTINGS, PictureRequest(deep=True), band_pixels=64 * 256, threads=2
+    )
+    assert found.rows == 64
+    assert found.band == pytest.approx(needed(scene, deep=True).band, rel=0.02)
 
 
 def test_the_nodes_of_a_holdout_take_memory(scene):

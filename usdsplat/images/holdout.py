@@ -216,19 +216,16 @@ class _Deep(Holdout):
         left, top, right, bottom = self._window
         counts = np.zeros((y1 - y0, x1 - x0), np.int64)
         first, last = max(y0, top), min(y1, bottom)
-        columns = slice(max(x0, left), max(min(x1, right), max(x0, left)))
+        begin, end = max(x0, left), min(x1, right)
         front = back = alpha = np.zeros(0, np.float32)
-        if first < last and columns.start < columns.stop:
+        if first < last and begin < end:
             with DeepFile(self._where) as file:
-                offsets, values = file.rows(first, last, ("Z", "ZBack", "A"))
-            there = np.diff(offsets).reshape(last - first, right - left)
-            is_wanted = np.zeros(there.shape, np.bool_)
-            is_wanted[:, columns.start - left : columns.stop - left] = True
-            target = counts[first - y0 : last - y0, columns.start - x0 : columns.stop - x0]
-            target[:] = there[is_wanted].reshape(target.shape)
-            is_wanted_sample = np.repeat(is_wanted.ravel(), there.ravel())
-            names = "Z", "ZBack" if "ZBack" in values else "Z", "A"
-            front, back, alpha = (values[name][is_wanted_sample] for name in names)
+                names = "Z", "ZBack", "A"
+                offsets, values = file.rows(first, last, names, columns=(begin, end))
+            there = counts[first - y0 : last - y0, begin - x0 : end - x0]
+            there[:] = np.diff(offsets).reshape(there.shape)
+            front, alpha = values["Z"], values["A"]
+            back = values.get("ZBack", front)
         starts = np.zeros(counts.size + 1, np.int64)
         np.cumsum(counts, out=starts[1:])
         return nodes_of(starts, front, back, alpha)

@@ -8,7 +8,7 @@ sizes depend, such as the number of visible splats, are estimated from a sample 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, fields
 from pathlib import Path
 
@@ -133,7 +133,7 @@ def estimate(
     """
     screen = Screen.of(view)
     x0, y0, x1, y1 = screen.window
-    begin, end = next(screen.bands(band_pixels))
+    begin, end = _highest(screen.bands(band_pixels))
     layout = scene.draw_list(settings.splat_budget)
     laid = {id(group.cloud): len(group.cloud) for group in layout.groups}
     pixels, share = (end - begin) * (x1 - x0), min(1.0, UNEVEN * (end - begin) / (y1 - y0))
@@ -146,7 +146,7 @@ def estimate(
         by_splat += RANKS * sizes.visible
     kept = 0
     if request.deep:
-        top, bottom = next(screen.bands(min(band_pixels, DEEP_PIXELS)))
+        top, bottom = _highest(screen.bands(min(band_pixels, DEEP_PIXELS)))
         per_pixel = deep_bytes(settings, request.deep_ids)
         kept = (bottom - top) * (x1 - x0) * per_pixel
     written = (aov for aov in AOVS.values() if aov.hydra in request.aovs)
@@ -269,6 +269,11 @@ def _said(file: str, name: str) -> int:
         return 0
     line = next((line for line in text.splitlines() if line.startswith(name)), "none: 0")
     return 1024 * int(line.split()[1])
+
+
+def _highest(bands: Iterable[tuple[int, int]]) -> tuple[int, int]:
+    """Return the band with the most rows; the first one may begin within a row of tiles."""
+    return max(bands, key=lambda rows: rows[1] - rows[0])
 
 
 def _held(scene: RenderScene) -> int:
