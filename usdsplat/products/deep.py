@@ -29,6 +29,8 @@ class DeepReport:
     pixels: int = 0
     bytes: int = 0
     compared: bool = False
+    blend_space: str = "auto"
+    """`RenderSettings.blend_space` of the flat picture."""
     squares: float = 0.0
     """Sum of squared differences over red, green and blue of all pixels."""
     worst: float = 0.0
@@ -54,7 +56,7 @@ def draw_deep(engine: Engine, file: PictureFile, *, rows_written: RowsWritten) -
         OutputError: If the file cannot be written.
     """
     plan, view, settings = file.plan, file.view, file.plan.settings
-    report = DeepReport(compared=plan.compare)
+    report = DeepReport(compared=plan.compare, blend_space=settings.blend_space)
     bands = engine.render_deep(
         view,
         settings,
@@ -64,9 +66,9 @@ def draw_deep(engine: Engine, file: PictureFile, *, rows_written: RowsWritten) -
     )
     flat = None
     if plan.needs_flat:
-        trained = replace(settings, color_mode="scene", blend_space="auto")
+        in_scene = replace(settings, color_mode="scene")
         flat = FlatRows(
-            engine.render(view, trained, holdout=file.holdout, band_pixels=file.band_pixels)
+            engine.render(view, in_scene, holdout=file.holdout, band_pixels=file.band_pixels)
         )
     layout, scales = file.layout, settings.deep_color == "beauty"
     stored = np.float32 if layout.pixel_type == "float" else np.float16

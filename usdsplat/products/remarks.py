@@ -108,4 +108,5 @@ def what_is_deep(path: Path, report: DeepReport, seconds: float) -> str:
     away = ""
     if report.worst > 0:
         away = f" {report.decibels:.1f} dB (at most {report.worst:.2g}) from"
-    return f"{held}; flattened it is{away} the picture blended in the captures' training space"
+    space = "linearly" if report.blend_space == "linear" else "in the captures' training space"
+    return f"{held}; flattened it is{away} the picture blended {space}"
