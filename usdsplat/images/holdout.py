@@ -57,7 +57,8 @@ def open_holdout(path: Path | str, *, resolution: tuple[int, int]) -> Holdout:
 
     In a flat picture the channel is Z, depth.Z or depth, or that of another layer ("x.Z"). If the
     same part has A, a pixel lets 1 - A through; depths that are not above 0 are ignored.
-    A deep sample with a ZBack attenuates within its extent, see `holdout_nodes`.
+    A deep sample with a ZBack attenuates within its extent, see `holdout_nodes`. Nothing at or
+    behind the camera hides anything: of a deep sample that begins there, the part in front does.
 
     Args:
         path: An EXR file.
@@ -228,4 +229,21 @@ class _Deep(Holdout):
             back = values.get("ZBack", front)
         starts = np.zeros(counts.size + 1, np.int64)
         np.cumsum(counts, out=starts[1:])
-        return nodes_of(starts, front, back, alpha)
+        return nodes_of(starts, *_in_front(front, back, alpha))
+
+
+def _in_front(front: F32, back: F32, alpha: F32) -> tuple[F32, F32, F32]:
+    """Return the parts of deep samples in front of the camera: split at depth 0 by OpenEXR's rule.
+    Samples without such a part get an opacity of 0."""
+    starts_behind = np.isfinite(front) & (front <= 0)
+    if not starts_behind.any():
+        return front, back, alpha
+    reaches = starts_behind & np.isfinite(back) & (back > 0)
+    front, alpha = front.copy(), alpha.copy()
+    alpha[starts_behind & ~reaches] = 0
+    near, far = front[reaches].astype(np.float64), back[reaches].astype(np.float64)
+    with np.errstate(divide="ignore"):  # an opaque sample remains opaque
+        density = np.log1p(-np.clip(alpha[reaches], 0, 1).astype(np.float64))
+    alpha[reaches] = -np.expm1(density * (far / (far - near)))
+    front[reaches] = 0
+    return front, back, alpha
