@@ -59,7 +59,11 @@ def plan_pictures(engine: Engine, request: RenderRequest) -> tuple[PicturePlan, 
         products = products[:1]
     pictures = tuple(plan_product(engine, request, product) for product in products)
     pictures = pictures or (plan_default(engine, request, camera),)
-    return pictures
+    if any(picture.deep for picture in pictures):
+        return pictures
+    first = pictures[0]
+    unused = remarks.only_for_deep(NO_PRODUCT, first.settings, request.settings)
+    return replace(first, findings=(*first.findings, *unused)), *pictures[1:]
 
 
 def plan_default(engine: Engine, request: RenderRequest, camera: str | None = None) -> PicturePlan:
@@ -110,6 +114,9 @@ def _finished(
             findings = (*findings, finding("deep-aovs", where, found, expected))
         names = ("color", *(name for name in names if name in DEEP_AOVS[2:]))
         findings = (*findings, *remarks.without_effect(where, spec.settings))
+    else:
+        own = set(spec.own).difference(request.settings)
+        findings = (*findings, *remarks.only_for_deep(where, spec.settings, own))
     settings = spec.settings
     if request.deep and "compression" not in request.settings and settings.compression:
         settings, lacking = _with_deep_compression(settings, where)

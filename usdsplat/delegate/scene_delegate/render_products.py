@@ -239,6 +239,7 @@ class _Reader:
             camera=camera or self._camera(),
             framing=self._framing(resolution),
             settings=self._render_settings(overrides),
+            own=tuple(self._authored(self._product)),
             aovs=self._aovs(),
             pixel_types=self._pixel_types(),
             matte=self._matte(),
@@ -301,13 +302,17 @@ class _Reader:
 
         yield from product_metadata.problems(self._product, self._time)
 
+    def _authored(self, prim: Usd.Prim) -> dict[str, Any]:
+        """Return the values of `RenderSettings` that a prim authors."""
+        attributes = {knob: prim.GetAttribute(name) for name, knob in usd_names().items()}
+        return {
+            knob: attribute.Get()
+            for knob, attribute in attributes.items()
+            if attribute and attribute.HasAuthoredValue()
+        }
+
     def _render_settings(self, overrides: Mapping[str, Any]) -> RenderSettings:
-        values = {}
-        for prim in (self._settings, self._product):
-            for name, knob in usd_names().items():
-                attribute = prim.GetAttribute(name)
-                if attribute and attribute.HasAuthoredValue():
-                    values[knob] = attribute.Get()
+        values = self._authored(self._settings) | self._authored(self._product)
         if "compression" not in values and (asked := product_metadata.compression(self._product)):
             values["compression"] = asked
         for knob, disablers in DISABLERS.items():
