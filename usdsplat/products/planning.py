@@ -14,7 +14,7 @@ from usdsplat.delegate.product import ProductSpec
 from usdsplat.images import COLOR_MODES, default_color_mode, open_writer
 from usdsplat.images.aovs import find_aovs
 from usdsplat.images.compression import DEEP_COMPRESSIONS
-from usdsplat.images.deep_aovs import DEEP_AOVS
+from usdsplat.images.deep_aovs import ALWAYS, DEEP_AOVS
 from usdsplat.images.frame_numbers import FileName, frame_path
 from usdsplat.images.layout import PixelType
 from usdsplat.products import remarks
@@ -112,7 +112,7 @@ def _finished(
             found = f"{', '.join(others)} in a deep picture"
             expected = f"only {', '.join(DEEP_AOVS)}"
             findings = (*findings, finding("deep-aovs", where, found, expected))
-        names = ("color", *(name for name in names if name in DEEP_AOVS[2:]))
+        names = ("color", *(name for name in names if name in DEEP_AOVS and name not in ALWAYS))
         findings = (*findings, *remarks.without_effect(where, spec.settings))
     else:
         own = set(spec.own).difference(request.settings)
