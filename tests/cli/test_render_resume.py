@@ -82,6 +82,21 @@ def test_resume_keeps_deep_pictures_with_the_same_samples_and_channels(run, shot
     assert "d.exr: found a picture with other channels; it is drawn again" in other[2]
 
 
+@pytest.mark.parametrize(("first", "then"), [(2, 6), (6, 2), (8, 4)])
+def test_resume_compares_the_ranks_of_cryptomattes(run, shot, tmp_path, first, then):
+    """Oracle: the names that are printed, and the reason on stderr; an odd number of ranks has the
+    channels of the next even one."""
+    render = ("render", shot, "-o", tmp_path / "a.exr", "--aovs", "color,cryptoObject", *SMALL)
+    render = (*render, "--frames", 1, "--resume", "--crypto-rank")
+    assert "a.exr" in run(*render, first)[1]
+    for same in (first, max(2, first - 1)):
+        assert run(*render, same)[:2] == (0, "")
+    status, out, err = run(*render, then)
+    assert status == 0 and "a.exr" in out
+    assert "found a picture with other channels; it is drawn again" in err
+    assert run(*render, then)[:2] == (0, "")
+
+
 def test_resume_draws_again_after_an_edit_of_the_stage(run, shot, tmp_path):
     """Oracle: the names that are printed; a comment changes the bytes of the stage, no value."""
     render = ("render", shot, "-o", tmp_path / "a.exr", "--frames", 1, *SMALL, "--resume")

@@ -29,7 +29,14 @@ from usdsplat.render.cost import Work
 from usdsplat.render.deep_samples import DeepSamples
 from usdsplat.render.frame_stats import FrameStats
 from usdsplat.render.memory import COLOR_ALONE, Estimate, PictureRequest, estimate
-from usdsplat.render.renderer import BAND_PIXELS, ReadHoldout, TimeSampler, depends_on_time
+from usdsplat.render.renderer import (
+    BAND_PIXELS,
+    USUAL_SIZE,
+    DeepSize,
+    ReadHoldout,
+    TimeSampler,
+    depends_on_time,
+)
 from usdsplat.render.scene import RenderScene
 from usdsplat.render.settings import RenderSettings
 from usdsplat.render.specs import CameraSpec, Framing, View
@@ -280,7 +287,7 @@ class Engine:
         aovs: tuple[str, ...] = (),
         *,
         holdout: ReadHoldout | None = None,
-        band_pixels: int = BAND_PIXELS,
+        size: DeepSize = USUAL_SIZE,
     ) -> Iterator[tuple[int, int, DeepSamples]]:
         """Return all contributions to every pixel, in strips of a band: (y0, y1, samples).
 
@@ -288,14 +295,15 @@ class Engine:
         `aovs` are ids, names in `deep_samples.DEEP_IDS`. Other arguments are those of `render`.
 
         Raises:
-            UsageError: If splats are sorted by another key, or a row has too many samples.
+            UsageError: If splats are sorted by another key, or a row or a pixel has too many
+                samples.
         """
         self.sync()
         how = self._resolved(settings)
         sampler = self._times(view, how, ())
         return self._drawer.renderer.render_deep(
             self._param.scene, view, how, aovs, sampler=sampler, holdout=holdout,
-            band_pixels=band_pixels,
+            size=size,
         )  # fmt: skip
 
     def picture(

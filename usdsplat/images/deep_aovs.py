@@ -27,7 +27,9 @@ CRYPTOMATTE = "Cryptomatte of the sample: R = hash of its name, G = its opacity,
 CRYPTOMATTES = ("cryptoObject",)
 """Cryptomattes of deep pictures: those whose name follows from a sample's prim."""
 DEEP_AOVS = tuple(name for name in AOVS if name in MEANINGS or name in CRYPTOMATTES)
-"""AOVs that a deep picture can have. It always has color and Z."""
+"""AOVs that a deep picture can have."""
+ALWAYS = ("color", "Z")
+"""AOVs that every deep picture has."""
 
 
 def id_channels(aovs: tuple[str, ...]) -> Channels:
@@ -58,5 +60,5 @@ def deep_channels(
 
 def meanings(aovs: tuple[str, ...]) -> dict[str, str]:
     """Return the header entries that describe AOVs; color and Z are always described."""
-    names = dict.fromkeys(("color", "Z", *aovs))
+    names = dict.fromkeys((*ALWAYS, *aovs))
     return {f"usdsplat:aov:{name}": MEANINGS.get(name, CRYPTOMATTE) for name in names}

@@ -16,6 +16,7 @@ from usdsplat.core.output import Existing
 from usdsplat.core.progress import Progress, silent
 from usdsplat.core.wording import counted
 from usdsplat.delegate.engine import Engine
+from usdsplat.images.deep_aovs import ALWAYS
 from usdsplat.products import remarks
 from usdsplat.products.budget import WORTH_SAYING, Budget, budget
 from usdsplat.products.cancel import Cancelled, CancelToken
@@ -164,6 +165,7 @@ def draw_frames(
             layout=labelled_layout(engine, plan, view, origin=origin),
             holdout=None if holdout is None else holdout.rows,
             band_pixels=budgets[plan].band_pixels,
+            deep_entries=budgets[plan].deep_entries,
         )
         try:
             cancel.check()
@@ -187,7 +189,7 @@ def draw_frames(
             frame=frame,
             product=plan.product or None,
             camera=view.camera.path or None,
-            aovs=tuple(dict.fromkeys(("color", "Z", *plan.aovs))) if plan.deep else plan.aovs,
+            aovs=tuple(dict.fromkeys((*ALWAYS, *plan.aovs))) if plan.deep else plan.aovs,
             device=engine.device,
             resolution=view.framing.resolution,
             splats=stats.splats,

@@ -73,7 +73,8 @@ def _differing(
         if plan.deep:
             wanted = set(deep_channels(layout.aovs, merged=plan.settings.deep_error > 0))
         else:
-            wanted = {name for aov in find_aovs(layout.aovs) for name in aov.channels}
+            aovs = (aov.with_rank(layout.crypto_rank) for aov in find_aovs(layout.aovs))
+            wanted = {name for aov in aovs for name in aov.channels}
         if {name for spec in specs for name in spec.channelnames} != wanted:
             return "a picture with other channels"
     for key, value in {"frame": frame, "samples": plan.settings.samples}.items():

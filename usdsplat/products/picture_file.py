@@ -8,6 +8,7 @@ from pathlib import Path
 
 from usdsplat.images.layout import ImageLayout
 from usdsplat.products.request import PicturePlan
+from usdsplat.render.deep_merging import ENTRIES
 from usdsplat.render.occluders import ReadHoldout
 from usdsplat.render.renderer import BAND_PIXELS
 from usdsplat.render.specs import View
@@ -30,3 +31,5 @@ class PictureFile:
     """External holdout, see `Engine.render`."""
     band_pixels: int = BAND_PIXELS
     """See `Engine.render`."""
+    deep_entries: int = ENTRIES
+    """See `DeepSize`."""

@@ -14,7 +14,7 @@ from usdsplat.delegate.product import ProductSpec
 from usdsplat.images import COLOR_MODES, default_color_mode, open_writer
 from usdsplat.images.aovs import find_aovs
 from usdsplat.images.compression import DEEP_COMPRESSIONS
-from usdsplat.images.deep_aovs import DEEP_AOVS
+from usdsplat.images.deep_aovs import ALWAYS, DEEP_AOVS
 from usdsplat.images.frame_numbers import FileName, frame_path
 from usdsplat.images.layout import PixelType
 from usdsplat.products import remarks
@@ -59,7 +59,11 @@ def plan_pictures(engine: Engine, request: RenderRequest) -> tuple[PicturePlan, 
         products = products[:1]
     pictures = tuple(plan_product(engine, request, product) for product in products)
     pictures = pictures or (plan_default(engine, request, camera),)
-    return pictures
+    if any(picture.deep for picture in pictures):
+        return pictures
+    first = pictures[0]
+    unused = remarks.only_for_deep(NO_PRODUCT, first.settings, request.settings)
+    return replace(first, findings=(*first.findings, *unused)), *pictures[1:]
 
 
 def plan_default(engine: Engine, request: RenderRequest, camera: str | None = None) -> PicturePlan:
@@ -108,8 +112,11 @@ def _finished(
             found = f"{', '.join(others)} in a deep picture"
             expected = f"only {', '.join(DEEP_AOVS)}"
             findings = (*findings, finding("deep-aovs", where, found, expected))
-        names = ("color", *(name for name in names if name in DEEP_AOVS[2:]))
+        names = ("color", *(name for name in names if name in DEEP_AOVS and name not in ALWAYS))
         findings = (*findings, *remarks.without_effect(where, spec.settings))
+    else:
+        own = set(spec.own).difference(request.settings)
+        findings = (*findings, *remarks.only_for_deep(where, spec.settings, own))
     settings = spec.settings
     if request.deep and "compression" not in request.settings and settings.compression:
         settings, lacking = _with_deep_compression(settings, where)

@@ -12,7 +12,7 @@ from usdsplat.kernels.device import CpuDevice, Device
 from usdsplat.render.aov_resolver import AVERAGED
 from usdsplat.render.band import Band
 from usdsplat.render.cpu import CpuRasterizer
-from usdsplat.render.deep_merging import merges_deep, render_merged_deep
+from usdsplat.render.deep_merging import ENTRIES, merges_deep, render_merged_deep
 from usdsplat.render.deep_samples import DEEP_IDS, DeepSamples
 from usdsplat.render.frame import MOTION, render_deep, render_frame
 from usdsplat.render.frame_buffers import FrameBuffers
@@ -53,6 +53,19 @@ BAND_PIXELS = 1 << 21
 """Pixels of a band: a 1920x1080 picture is one band, a 3840x2160 picture four."""
 ORDERED = ("zDepth", "rayHitDistance")
 """Sorting modes of deep pictures: those that sort by planar depth."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DeepSize:
+    """Size of what is held of a deep picture at a time."""
+
+    band_pixels: int = BAND_PIXELS
+    """Approximate number of pixels of a band."""
+    entries: int = ENTRIES
+    """Maximum number of contributions that are held while they are merged."""
+
+
+USUAL_SIZE = DeepSize()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -186,7 +199,7 @@ class Renderer:
         *,
         sampler: TimeSampler | None = None,
         holdout: ReadHoldout | None = None,
-        band_pixels: int = BAND_PIXELS,
+        size: DeepSize = USUAL_SIZE,
     ) -> Iterator[tuple[int, int, DeepSamples]]:
         """Return the contributions to every pixel, in strips of a band: (y0, y1, samples).
 
@@ -202,7 +215,7 @@ class Renderer:
 
         Raises:
             UsageError: If splats are not sorted by planar depth, an AOV is not an id, or a row of
-                pixels has too many samples.
+                pixels or one pixel has too many samples.
         """
         for name in aovs:
             if name not in DEEP_IDS:
@@ -226,9 +239,11 @@ class Renderer:
             frame = workspace.frame(sampler or still, settings, ids, blend_space, output, holdout)
             if merges:  # the heights of strips depend on what is drawn: begin after the last one
                 rest = replace(screen, window=(x0, top, x1, bottom))
-                strips = render_merged_deep(frame, view.camera, rest, band_pixels)
+                strips = render_merged_deep(
+                    frame, view.camera, rest, size.band_pixels, size.entries
+                )
             else:
-                drawn = render_deep(frame, view.camera, screen, band_pixels)
+                drawn = render_deep(frame, view.camera, screen, size.band_pixels)
                 strips = itertools.islice(drawn, taken, None)
             for each in strips:
                 self.stats = frame.stats

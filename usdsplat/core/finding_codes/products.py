@@ -30,6 +30,12 @@ CODES: dict[str, Code] = {
         "use them for a flat product",
         "they have no effect on a deep picture",
     ),
+    "flat-settings": Code(
+        "note",
+        "settings apply to deep pictures only",
+        "request a deep picture, with --deep or a product of type deepRaster",
+        "they have no effect on a flat picture",
+    ),
     "unsupported-name": Code(
         "note",
         "a RenderVar names channels otherwise than usdsplat does",

@@ -195,6 +195,7 @@ class _Reader:
             camera=camera or self._camera(),
             framing=self._framing(resolution),
             settings=self._render_settings(overrides),
+            own=tuple(self._authored(self._product)),
             aovs=self._aovs(),
             pixel_types=self._pixel_types(),
             matte=self._matte(),
@@ -261,13 +262,17 @@ class _Reader:
             where = f"{self._settings.GetPath()}.renderingColorSpace"
             yield finding("rendering-space", where, repr(asked), f"one of {', '.join(LINEAR)}")
 
+    def _authored(self, prim: Usd.Prim) -> dict[str, Any]:
+        """Return the values of `RenderSettings` that a prim authors."""
+        attributes = {knob: prim.GetAttribute(name) for name, knob in usd_names().items()}
+        return {
+            knob: attribute.Get()
+            for knob, attribute in attributes.items()
+            if attribute and attribute.HasAuthoredValue()
+        }
+
     def _render_settings(self, overrides: Mapping[str, Any]) -> RenderSettings:
-        values = {}
-        for prim in (self._settings, self._product):
-            for name, knob in usd_names().items():
-                attribute = prim.GetAttribute(name)
-                if attribute and attribute.HasAuthoredValue():
-                    values[knob] = attribute.Get()
+        values = self._authored(self._settings) | self._authored(self._product)
         if product_metadata.is_multipart(self._product):
             values.setdefault("multipart", True)
         if "compression" not in values and (asked := product_metadata.compression(self._product)):
