@@ -34,8 +34,9 @@ from usdsplat.images.layout import ImageLayout
 from usdsplat.kernels.device import CpuDevice
 from usdsplat.kernels.devices import open_device
 from usdsplat.render import frame
+from usdsplat.render.deep_memory import DeepSize
 from usdsplat.render.deep_samples import DeepSamples
-from usdsplat.render.renderer import DeepSize, Renderer
+from usdsplat.render.renderer import Renderer
 from usdsplat.render.scene import RenderScene
 from usdsplat.render.specs import FieldSpec, Framing, InstanceSpec, View
 

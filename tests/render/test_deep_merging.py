@@ -15,8 +15,9 @@ from usdsplat.images.cryptomatte import object_hash
 from usdsplat.kernels.device import CpuDevice
 from usdsplat.kernels.devices import open_device
 from usdsplat.render import deep_merging
+from usdsplat.render.deep_memory import USUAL_SIZE, DeepSize
 from usdsplat.render.deep_samples import DEEP_IDS, DeepSamples
-from usdsplat.render.renderer import USUAL_SIZE, DeepSize, Renderer
+from usdsplat.render.renderer import Renderer
 
 SIZE = (150, 110)
 LINEAR = {"blend_space": "linear", "color_mode": "scene"}

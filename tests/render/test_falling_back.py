@@ -8,7 +8,8 @@ import pytest
 from tests.render.rendering import lens, random_cloud, scene_of, settings_of, view_of
 from usdsplat.core.errors import BackendError
 from usdsplat.kernels.device import CpuDevice
-from usdsplat.render.renderer import DeepSize, Renderer
+from usdsplat.render.deep_memory import DeepSize
+from usdsplat.render.renderer import Renderer
 
 AOVS = ("color", "depth", "elementId")
 SAID = "device cuda: found CudaAPIError (too hot), expected a GPU that works"

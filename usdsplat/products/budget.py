@@ -11,11 +11,11 @@ from usdsplat.images.aovs import AOVS
 from usdsplat.kernels.bins import TILE
 from usdsplat.products.deep_ids import deep_ids
 from usdsplat.products.request import PicturePlan
+from usdsplat.render.band import BAND_PIXELS
 from usdsplat.render.deep_memory import deep_bytes, entries_within
 from usdsplat.render.deep_merging import ENTRIES
 from usdsplat.render.frame import DEEP_PIXELS
 from usdsplat.render.memory import Estimate, PictureRequest, fitting
-from usdsplat.render.renderer import BAND_PIXELS
 from usdsplat.render.specs import View
 
 TALLER = 4

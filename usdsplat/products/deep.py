@@ -15,7 +15,7 @@ from usdsplat.products.deep_ids import DeepIds, deep_ids
 from usdsplat.products.flat_rows import FlatRows
 from usdsplat.products.flattening import flattened
 from usdsplat.products.picture_file import PictureFile, RowsWritten
-from usdsplat.render.renderer import DeepSize
+from usdsplat.render.deep_memory import DeepSize
 
 
 @dataclass(slots=True)

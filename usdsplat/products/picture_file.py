@@ -8,9 +8,9 @@ from pathlib import Path
 
 from usdsplat.images.layout import ImageLayout
 from usdsplat.products.request import PicturePlan
+from usdsplat.render.band import BAND_PIXELS
 from usdsplat.render.deep_merging import ENTRIES
 from usdsplat.render.occluders import ReadHoldout
-from usdsplat.render.renderer import BAND_PIXELS
 from usdsplat.render.specs import View
 
 RowsWritten = Callable[[int], None]

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from usdsplat.render.deep_merging import HELD, merges_deep
+from dataclasses import dataclass
+
+from usdsplat.render.band import BAND_PIXELS
+from usdsplat.render.deep_merging import ENTRIES, HELD, merges_deep
 from usdsplat.render.settings import RenderSettings
 
 SAMPLES = 48
@@ -18,6 +21,20 @@ being written; ids are found from samples that are drawn a second time."""
 ENTRY = 40
 """Bytes per contribution that is held while samples are merged: 20 in its list, 20 in the list that
 it is joined to. Each id takes 8 more."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DeepSize:
+    """Size of what is held of a deep picture at a time."""
+
+    band_pixels: int = BAND_PIXELS
+    """Approximate number of pixels of a band."""
+    entries: int = ENTRIES
+    """Maximum number of contributions that are held while they are merged."""
+
+
+USUAL_SIZE = DeepSize()
+"""Size without a memory limit."""
 
 
 def deep_bytes(settings: RenderSettings, ids: int) -> int:

@@ -10,9 +10,10 @@ from typing import Any
 from usdsplat.core.errors import BackendError, UsageError
 from usdsplat.kernels.device import CpuDevice, Device
 from usdsplat.render.aov_resolver import AVERAGED
-from usdsplat.render.band import Band
+from usdsplat.render.band import BAND_PIXELS, Band
 from usdsplat.render.cpu import CpuRasterizer
-from usdsplat.render.deep_merging import ENTRIES, merges_deep, render_merged_deep
+from usdsplat.render.deep_memory import USUAL_SIZE, DeepSize
+from usdsplat.render.deep_merging import merges_deep, render_merged_deep
 from usdsplat.render.deep_samples import DEEP_IDS, DeepSamples
 from usdsplat.render.frame import MOTION, render_deep, render_frame
 from usdsplat.render.frame_buffers import FrameBuffers
@@ -49,23 +50,8 @@ surface at that depth, -1 where nothing is: `primId` is the index of the prim in
 drawn prims, `instanceId` the number within a point instancer, `elementId` a splat's row in its
 prim's arrays or a mesh's face."""
 
-BAND_PIXELS = 1 << 21
-"""Pixels of a band: a 1920x1080 picture is one band, a 3840x2160 picture four."""
 ORDERED = ("zDepth", "rayHitDistance")
 """Sorting modes of deep pictures: those that sort by planar depth."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DeepSize:
-    """Size of what is held of a deep picture at a time."""
-
-    band_pixels: int = BAND_PIXELS
-    """Approximate number of pixels of a band."""
-    entries: int = ENTRIES
-    """Maximum number of contributions that are held while they are merged."""
-
-
-USUAL_SIZE = DeepSize()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
