@@ -27,16 +27,11 @@ from usdsplat.delegate.time_sampler import other_times
 from usdsplat.render.band import Band
 from usdsplat.render.cost import Work
 from usdsplat.render.deep_samples import DeepSamples
+from usdsplat.render.frame_context import TimeSampler
 from usdsplat.render.frame_stats import FrameStats
 from usdsplat.render.memory import COLOR_ALONE, Estimate, PictureRequest, estimate
-from usdsplat.render.renderer import (
-    BAND_PIXELS,
-    USUAL_SIZE,
-    DeepSize,
-    ReadHoldout,
-    TimeSampler,
-    depends_on_time,
-)
+from usdsplat.render.occluders import ReadHoldout
+from usdsplat.render.renderer import BAND_PIXELS, USUAL_SIZE, DeepSize, depends_on_time
 from usdsplat.render.scene import RenderScene
 from usdsplat.render.settings import RenderSettings
 from usdsplat.render.specs import CameraSpec, Framing, View
@@ -295,16 +290,13 @@ class Engine:
         `aovs` are ids, names in `deep_samples.DEEP_IDS`. Other arguments are those of `render`.
 
         Raises:
-            UsageError: If splats are sorted by another key, or a row or a pixel has too many
-                samples.
+            UsageError: If splats are sorted by another key, or a row has too many samples.
         """
         self.sync()
         how = self._resolved(settings)
-        sampler = self._times(view, how, ())
-        return self._drawer.renderer.render_deep(
-            self._param.scene, view, how, aovs, sampler=sampler, holdout=holdout,
-            size=size,
-        )  # fmt: skip
+        draw, sampler = self._drawer.renderer.render_deep, self._times(view, how, ())
+        scene = self._param.scene
+        return draw(scene, view, how, aovs, sampler=sampler, holdout=holdout, size=size)
 
     def picture(
         self,
