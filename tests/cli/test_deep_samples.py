@@ -322,3 +322,15 @@ def test_little_memory_changes_no_sample(run, blurred, tmp_path, monkeypatch):
     assert (tmp_path / "a.exr").read_bytes() == (tmp_path / "b.exr").read_bytes()
     status, _, err = run(*given, "-o", tmp_path / "c.exr", "--memory-limit", "100M")
     assert status == 2 and "--memory-limit: found 100 MiB, expected" in err
+
+
+def test_few_pixels_may_have_many_samples_within_a_limit(run, blurred, tmp_path, monkeypatch):
+    """Of a column of two pixels. Oracle: the file drawn without a limit, byte for byte; its pixels
+    have more samples than usual ones of a row of tiles."""
+    monkeypatch.setattr(memory, "resident", lambda: 300 << 20)
+    flags = ("--deep", "--no-compare", "--sorting", "rayHitDistance", "--samples", 256)
+    given = ("render", blurred, *flags, "--frames", 2, *SMALL, "--crop", "23,16,24,18")
+    assert run(*given, "-o", tmp_path / "a.exr")[0] == 0
+    assert run(*given, "-o", tmp_path / "b.exr", "--memory-limit", "420M")[0] == 0
+    assert (tmp_path / "a.exr").read_bytes() == (tmp_path / "b.exr").read_bytes()
+    assert np.bincount(samples_of(tmp_path / "a.exr")[1]).max() > 64 * 16
