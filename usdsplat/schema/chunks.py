@@ -21,6 +21,7 @@ from usdsplat.core.errors import StageError
 from usdsplat.core.readable import readable
 from usdsplat.core.sh import MAX_DEGREE, coefficient_count
 from usdsplat.schema import packing, stock, tokens
+from usdsplat.schema.crate_arrays import check_arrays
 from usdsplat.schema.usd_files import sentence
 from usdsplat.schema.vt import as_float32, from_vt
 
@@ -202,6 +203,7 @@ def _opened(path: str) -> Iterator[_Field]:
     """
     if not path:
         raise StageError("chunk", "no file", "a layer with splats")
+    check_arrays(path, is_chunk=True)
     try:
         layer = Sdf.Layer.FindOrOpen(readable(path))
         if not layer:

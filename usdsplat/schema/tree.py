@@ -25,9 +25,9 @@ from usdsplat.schema.chunks import (
     read_chunk,
     read_packed_chunk,
 )
+from usdsplat.schema.crate_arrays import check_arrays
 from usdsplat.schema.defining import author_color_space, author_fallback_type, define
 from usdsplat.schema.hints import DrawingHints
-from usdsplat.schema.values import value
 from usdsplat.schema.vt import to_vt
 
 __all__ = [
@@ -159,6 +159,7 @@ def read_tree(prim: Usd.Prim) -> Tree:
         raise StageError(str(prim.GetPath()) if prim else "prim", found, TREE)
     where = str(prim.GetPath())
     registration.require(where)
+    _check_layers(prim)
     columns = {tokens.NODE_COLUMNS[name]: _column(prim, name) for name in _COLUMNS}
     assets = _assets(prim)
     table = NodeTable(**columns)
@@ -179,6 +180,17 @@ def read_tree(prim: Usd.Prim) -> Tree:
     )
 
 
+def _check_layers(prim: Usd.Prim) -> None:
+    """Raise an error if a layer with node arrays asks for much more memory than it has bytes.
+
+    Raises:
+        StageError: If one does.
+    """
+    stacks = (prim.GetAttribute(name).GetPropertyStack(Usd.TimeCode.Default()) for name in _COLUMNS)
+    for path in {spec.layer.realPath for stack in stacks for spec in stack} - {""}:
+        check_arrays(path, is_chunk=False)
+
+
 def _column(prim: Usd.Prim, name: str) -> Array:
     """Return a copy of a node array; empty without a value.
 
@@ -186,7 +198,7 @@ def _column(prim: Usd.Prim, name: str) -> Array:
         StageError: If it has another type than the schema's.
     """
     kind, _, dtype, row = _COLUMNS[name]
-    found = value(prim.GetAttribute(name), Usd.TimeCode.Default())
+    found = prim.GetAttribute(name).Get()
     if found is None:
         return np.empty((0, *row), dtype)
     array = attributes.as_array(found)
@@ -202,7 +214,8 @@ def _assets(prim: Usd.Prim) -> list[Sdf.AssetPath]:
     Raises:
         StageError: If the attribute has another type.
     """
-    found = value(prim.GetAttribute(tokens.CHUNKS), Usd.TimeCode.Default())
+    attribute = prim.GetAttribute(tokens.CHUNKS)
+    found = attribute.Get() if attribute else None
     if found is None:
         return []
     if not isinstance(found, Sdf.AssetPathArray):
