@@ -14,7 +14,7 @@ from tests.trees import rows_of, write_chunk
 from usdsplat import schema
 from usdsplat.core.errors import StageError
 from usdsplat.schema import packing
-from usdsplat.schema.chunks import chunk_rows, read_chunk, read_packed_chunk
+from usdsplat.schema.chunks import chunk_shape, read_chunk, read_packed_chunk
 
 ARRAYS = ("positions", "scales", "rotations", "opacities", "sh")
 
@@ -43,7 +43,7 @@ def test_rows_of_a_chunk_are_rows_of_the_field(tmp_path: Path, form: Any, degree
         assert len(part) == count and part.sh_degree == degree
         same(part, rows_of(whole, slice(first, first + count)))
     same(read_chunk(str(path), 80), rows_of(whole, slice(80, None)))
-    assert chunk_rows(str(path)) == 90
+    assert chunk_shape(str(path)) == (90, degree)
 
 
 @pytest.mark.parametrize("suffix", ["usdc", "usda"])

@@ -13,7 +13,7 @@ from pxr import Sdf, UsdUtils, Vt
 from tests.schema.clouds import cloud
 from tests.trees import little_tree, tree_of, write_chunk
 from usdsplat.core.errors import StageError
-from usdsplat.schema.chunks import chunk_rows, read_chunk
+from usdsplat.schema.chunks import chunk_shape, read_chunk
 from usdsplat.schema.crate_arrays import RATIO, TRUSTED, check_arrays
 
 LONG = 20_000_000
@@ -46,7 +46,7 @@ def test_a_bomb_in_a_chunk_is_one_sentence(tmp_path: Path, name: str) -> None:
     array = Vt.Int64Array(LONG) if name == "ids" else Vt.FloatArray(LONG)
     with_array(path, "/chunk", name, array)
     assert path.stat().st_size < 4 * LONG / 100
-    for read in (read_chunk, chunk_rows):
+    for read in (read_chunk, chunk_shape):
         with pytest.raises(StageError, match=f"found an array of {LONG} numbers in") as raised:
             read(str(path))
         assert "\n" not in str(raised.value)

@@ -69,14 +69,14 @@ def read_packed_chunk(path: str, first: int = 0, count: int | None = None) -> Pa
         return field.packed(field.rows(first, count)) if field.is_packed else None
 
 
-def chunk_rows(path: str) -> int:
-    """Return the number of splats of a chunk, without reading them.
+def chunk_shape(path: str) -> tuple[int, int]:
+    """Return the number of splats of a chunk and the degree of its harmonics, without reading them.
 
     Raises:
         StageError: If the layer cannot be read, or has no field as its default prim.
     """
     with _opened(path) as field:
-        return field.count
+        return field.count, field.degree()
 
 
 class _Field:
@@ -114,7 +114,7 @@ class _Field:
         token = self._value(tokens.PACKING)
         if token not in (None, packing.TOKEN):
             raise self._wrong(tokens.PACKING, repr(token), repr(packing.TOKEN))
-        degree = self._degree()
+        degree = self.degree()
         width = packing.harmonics_width(degree)
         wide = slice(rows.start * width, rows.stop * width)
         return PackedChunk(
@@ -133,7 +133,7 @@ class _Field:
         Raises:
             StageError: If an array is too short.
         """
-        count = coefficient_count(self._degree())
+        count = coefficient_count(self.degree())
         wide = slice(rows.start * count, rows.stop * count)
         sh = self._rows(tokens.SH_COEFFICIENTS, np.float32, (3,), wide)
         return SplatCloud(
@@ -150,7 +150,12 @@ class _Field:
         attribute = self._layer.GetAttributeAtPath(path)
         return attribute.default if attribute else None
 
-    def _degree(self) -> int:
+    def degree(self) -> int:
+        """Return the degree of the harmonics.
+
+        Raises:
+            StageError: If it is not 0 to 4.
+        """
         found = self._value(tokens.SH_DEGREE)
         degree = tokens.SCHEMA_FALLBACK_DEGREE if found is None else found
         if not isinstance(degree, int) or not 0 <= degree <= MAX_DEGREE:

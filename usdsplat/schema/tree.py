@@ -21,7 +21,7 @@ from usdsplat.schema import attributes, hints, registration, tokens
 from usdsplat.schema.attributes import Array, set_array, set_uniform
 from usdsplat.schema.chunks import (
     PackedChunk,
-    chunk_rows,
+    chunk_shape,
     read_chunk,
     read_packed_chunk,
 )
@@ -35,7 +35,7 @@ __all__ = [
     "PackedChunk",
     "Tree",
     "author_tree",
-    "chunk_rows",
+    "chunk_shape",
     "is_tree",
     "read_chunk",
     "read_packed_chunk",
