@@ -29,6 +29,7 @@ from usdsplat.schema.hints import (
     rasterize_mode,
     sorting_mode,
 )
+from usdsplat.schema.lod_roots import author_lod_root, is_lod_root, read_lod_root
 from usdsplat.schema.packing import harmonics_width
 from usdsplat.schema.proxy import place as place_proxy
 from usdsplat.schema.proxy import settle as settle_proxy
@@ -55,6 +56,7 @@ __all__ = [
     "Tree",
     "author",
     "author_grade",
+    "author_lod_root",
     "author_tree",
     "broken_rules",
     "color_space",
@@ -70,6 +72,7 @@ __all__ = [
     "has_grade",
     "is_grade_varying",
     "is_known_color_space",
+    "is_lod_root",
     "is_packed",
     "is_splat_field",
     "is_time_varying",
@@ -78,6 +81,7 @@ __all__ = [
     "projection_mode",
     "rasterize_mode",
     "read_chunk",
+    "read_lod_root",
     "read_packed_chunk",
     "read_tree",
     "sample_times",

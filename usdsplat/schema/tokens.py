@@ -62,6 +62,8 @@ NODE_PROXIES = "splat:nodeProxies"
 NODE_RESIDENTS = "splat:nodeResidents"
 CHUNKS = "splat:chunks"
 LOD_PIXEL = "splat:lod:pixel"
+LOD_ROOT = "splat:lod:root"
+"""Relationship of a splat tree to the LOD root that stands for it in other renderers."""
 
 GRADE_EXPOSURE = "splat:grade:exposure"
 GRADE_TEMPERATURE = "splat:grade:temperature"
