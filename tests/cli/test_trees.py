@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
@@ -9,6 +10,7 @@ from pxr import Sdf, Vt
 
 from tests.schema.clouds import cloud
 from tests.trees import changed, little_tree
+from usdsplat import formats
 from usdsplat.cli.main import main
 
 
@@ -29,7 +31,7 @@ def test_info_prints_a_line_for_each_level(tree: Path, capsys: pytest.CaptureFix
 
 
 def test_a_moved_folder_is_one_sentence_of_each_command(
-    tree: Path, capsys: pytest.CaptureFixture, run_json
+    tree: Path, capsys: pytest.CaptureFixture
 ) -> None:
     """Oracle: a folder that was moved; the sentence names it."""
     (tree.parent / "tree_chunks").rename(tree.parent / "old")
@@ -58,9 +60,10 @@ def test_a_broken_table_has_the_same_code_everywhere(
     assert said in printed.out
 
 
-def test_validate_counts_trees(tree: Path, run_json) -> None:
+def test_validate_counts_trees(tree: Path, capsys: pytest.CaptureFixture) -> None:
     """Oracle: one tree, and no finding about it."""
-    told = run_json("validate", tree)
+    assert main(["validate", str(tree), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
     assert told["looked_at"]["trees"] == 1
     assert not [each for each in told["findings"] if "tree" in each["code"]]
 
@@ -73,3 +76,42 @@ def test_a_bomb_in_a_stage_is_one_finding(tree: Path, capsys: pytest.CaptureFixt
     assert crate.stat().st_size < 100_000
     assert main(["validate", str(crate)]) == 1
     assert "found an array of 20000000 numbers" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("flags", "splats"), [([], 200), (["--lod", "1"], 51), (["--max-splats", "20"], 14)]
+)
+def test_convert_writes_a_level_or_a_number_of_splats(
+    tree: Path, tmp_path: Path, capsys: pytest.CaptureFixture, flags: list[str], splats: int
+) -> None:
+    """Oracle: the counts of the levels, and the file read back."""
+    assert main(["convert", str(tree), str(tmp_path / "out.ply"), "--json", *flags]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["splats"] == splats == len(formats.read(tmp_path / "out.ply").cloud)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--max-splats", "0"], "--max-splats: found 0, expected at least 1"),
+        (["--lod", "-1"], "--lod: found -1, expected a level"),
+        (["--lod", "3"], "level of detail: found level 3, expected 0 to 2"),
+        (["--lod", "1", "--max-splats", "9"], "found --lod and --max-splats, expected one of them"),
+    ],
+)
+def test_invalid_levels_are_one_sentence(
+    tree: Path, tmp_path: Path, capsys: pytest.CaptureFixture, words: list[str], said: str
+) -> None:
+    """Oracle: the contract of errors; nothing is written."""
+    assert main(["convert", str(tree), str(tmp_path / "out.ply"), *words]) == 2
+    assert said in capsys.readouterr().err
+    assert not (tmp_path / "out.ply").exists()
+
+
+def test_max_splats_needs_a_stage(
+    tmp_path: Path, capture: Path, capsys: pytest.CaptureFixture
+) -> None:
+    """Oracle: the flags that have no effect."""
+    words = ["convert", str(capture), str(tmp_path / "out.spz"), "--max-splats", "9"]
+    assert main(words) == 2
+    assert "--max-splats: found it with a capture that becomes a capture" in capsys.readouterr().err

@@ -107,7 +107,6 @@ def prim_findings(stage: Usd.Stage, time: float | None) -> list[Finding]:
     code = Usd.TimeCode(first_frame(stage, None) if time is None else time)
     known = populate(stage)
     found = [
-        *tree_findings(stage),
         *known.findings,
         *findings_on_prims(known.others, code, frozenset(PURPOSES)),
     ]

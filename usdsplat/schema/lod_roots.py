@@ -29,6 +29,7 @@ from usdsplat.schema import tokens
 from usdsplat.schema.extent import compute_extent
 from usdsplat.schema.field import author
 from usdsplat.schema.hints import DrawingHints
+from usdsplat.schema.tree import is_tree
 from usdsplat.schema.values import vectors
 from usdsplat.schema.vt import to_vt
 
@@ -40,6 +41,7 @@ IMAGING = "imaging"
 DEFAULT_INDEX, HEURISTICS = "lod:default:index", "lod:heuristics"
 
 _MODES = ("noOverride", "indexedLOD", "noLOD", "allLOD")
+_IN_WORLD = Usd.TraverseInstanceProxies()
 _Type = Sdf.ValueTypeNames
 
 
@@ -92,7 +94,7 @@ def read_lod_root(prim: Usd.Prim, time: Usd.TimeCode) -> LodRoot:
     """
     if not is_lod_root(prim):
         raise StageError(str(prim.GetPath()) if prim else "prim", f"no {ROOT_API}", "an LOD root")
-    items = tuple(str(child.GetPath()) for child in prim.GetChildren())
+    items = tuple(str(child.GetPath()) for child in prim.GetFilteredChildren(_IN_WORLD))
     default = _number(prim, DEFAULT_INDEX, time, 0.0)
     mode, index = _override(prim, time)
     return LodRoot(
@@ -114,6 +116,44 @@ def shown_item(
         StageError: As `read_lod_root`.
     """
     return read_lod_root(prim, time).shown(view, to_world)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ItemChoice:
+    """Which items of the LOD roots of a stage are drawn without regard to a view."""
+
+    shown: frozenset[Sdf.Path]
+    """Items that are drawn even if they are invisible themselves."""
+    hidden: frozenset[Sdf.Path]
+    """Items that are not drawn."""
+    problems: tuple[StageError, ...]
+    """Roots that cannot be read; their items are drawn as the rest of the stage."""
+
+
+def item_choice(stage: Usd.Stage, time: Usd.TimeCode) -> ItemChoice:
+    """Choose the items of all LOD roots of a stage; none for a root that a splat tree names."""
+    shown: set[Sdf.Path] = set()
+    hidden: set[Sdf.Path] = set()
+    problems: list[StageError] = []
+    roots: list[Usd.Prim] = []
+    replaced: set[Sdf.Path] = set()
+    for prim in Usd.PrimRange.Stage(stage, _IN_WORLD):
+        if is_lod_root(prim):
+            roots.append(prim)
+        elif is_tree(prim):
+            replaced.update(prim.GetRelationship(tokens.LOD_ROOT).GetForwardedTargets())
+    for prim in roots:
+        children = {child.GetPath() for child in prim.GetFilteredChildren(_IN_WORLD)}
+        try:
+            chosen = {Sdf.Path(path) for path in shown_item(prim, time)}
+        except StageError as error:
+            problems.append(error)
+            continue
+        if prim.GetPath() in replaced:
+            chosen = set()
+        shown |= chosen
+        hidden |= children - chosen
+    return ItemChoice(shown=frozenset(shown), hidden=frozenset(hidden), problems=tuple(problems))
 
 
 def author_lod_root(

@@ -164,9 +164,11 @@ def read_tree(prim: Usd.Prim) -> Tree:
     assets = _assets(prim)
     table = NodeTable(**columns)
     check_nodes(table, where, chunks=len(assets))
+    chunks = tuple(_resolved(asset) for asset in assets)
+    _check_distinct(chunks, f"{where}.{tokens.CHUNKS}")
     return Tree(
         table=table,
-        chunks=tuple(_resolved(asset) for asset in assets),
+        chunks=chunks,
         chunk_names=tuple(asset.path for asset in assets),
         degree=_degree(prim),
         color_space=hints.color_space(prim),
@@ -229,6 +231,16 @@ def _resolved(asset: Sdf.AssetPath) -> str:
     if Sdf.Layer.IsAnonymousLayerIdentifier(asset.path):
         return str(asset.path) if Sdf.Layer.Find(asset.path) else ""
     return str(asset.resolvedPath)
+
+
+def _check_distinct(chunks: Sequence[str], where: str) -> None:
+    """Raise an error if two chunks are the same layer, of which nodes would share rows."""
+    seen: dict[str, int] = {}
+    for number, path in enumerate(chunks):
+        first = seen.setdefault(path, number) if path else number
+        if first != number:
+            found = f"chunk {number} in the same layer as chunk {first}"
+            raise StageError(where, found, "a layer for each")
 
 
 def _degree(prim: Usd.Prim) -> int:
