@@ -15,7 +15,13 @@ from usdsplat import schema
 from usdsplat.core.errors import StageError, UsageError
 from usdsplat.core.lod_heuristics import LodView
 from usdsplat.schema.hints import DrawingHints
-from usdsplat.schema.lod_roots import author_lod_root, is_lod_root, read_lod_root, shown_item
+from usdsplat.schema.lod_roots import (
+    author_lod_root,
+    is_lod_root,
+    read_lod_root,
+    shown_item,
+    tree_level,
+)
 
 UsdLod = pytest.importorskip("pxr.UsdLod", reason="USD has UsdLod since 26.8")
 
@@ -227,3 +233,31 @@ def test_nothing_is_written_for_invalid_arguments(
     below = stage.DefinePrim("/City/coarse/tree")
     with pytest.raises(UsageError, match="below the root, expected a prim beside it"):
         authored(stage, tree=below)
+
+
+@pytest.mark.parametrize(
+    ("mode", "index", "level"),
+    [
+        ("noOverride", 2.0, None),
+        ("indexedLOD", 2.0, 2),
+        ("indexedLOD", 0.6, 1),
+        ("indexedLOD", -1.0, 0),
+        ("allLOD", 2.0, 0),
+        ("noLOD", 2.0, 0),
+    ],
+)
+@pytest.mark.parametrize("where", ["/tree/coarse", "/tree"])
+def test_an_override_is_a_level_of_the_tree(
+    tmp_path: Path, where: str, mode: str, index: float, level: int | None
+) -> None:
+    """Oracle: our documentation of LODOverrideAPI on trees; the override is at the root, or above
+    both."""
+    stage = Usd.Stage.Open(str(little_tree(tmp_path, cloud(n=64, degree=1))))
+    tree = stage.GetPrimAtPath("/tree/splats")
+    assert tree_level(tree, NOW) is None
+    options = {"thresholds": (0.2, 0.1), "drawing": CLASSIC, "tree": tree}
+    author_lod_root(stage, "/tree/coarse", FIELDS, **options)
+    override = UsdLod.OverrideAPI.Apply(stage.GetPrimAtPath(where))
+    override.CreateLodOverrideModeAttr(mode)
+    override.CreateLodOverrideIndexAttr(index)
+    assert tree_level(tree, NOW) == level

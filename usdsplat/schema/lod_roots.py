@@ -29,6 +29,7 @@ from usdsplat.schema import tokens
 from usdsplat.schema.extent import compute_extent
 from usdsplat.schema.field import author
 from usdsplat.schema.hints import DrawingHints
+from usdsplat.schema.stage_values import local_to_world
 from usdsplat.schema.tree import is_tree
 from usdsplat.schema.values import vectors
 from usdsplat.schema.vt import to_vt
@@ -41,6 +42,8 @@ IMAGING = "imaging"
 DEFAULT_INDEX, HEURISTICS = "lod:default:index", "lod:heuristics"
 
 _MODES = ("noOverride", "indexedLOD", "noLOD", "allLOD")
+_MOST_LEVELS = 64
+"""Above the number of levels of any tree."""
 _IN_WORLD = Usd.TraverseInstanceProxies()
 _Type = Sdf.ValueTypeNames
 
@@ -120,7 +123,7 @@ def shown_item(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ItemChoice:
-    """Which items of the LOD roots of a stage are drawn without regard to a view."""
+    """Which items of the LOD roots of a stage are drawn."""
 
     shown: frozenset[Sdf.Path]
     """Items that are drawn even if they are invisible themselves."""
@@ -130,30 +133,82 @@ class ItemChoice:
     """Roots that cannot be read; their items are drawn as the rest of the stage."""
 
 
-def item_choice(stage: Usd.Stage, time: Usd.TimeCode) -> ItemChoice:
-    """Choose the items of all LOD roots of a stage; none for a root that a splat tree names."""
-    shown: set[Sdf.Path] = set()
-    hidden: set[Sdf.Path] = set()
-    problems: list[StageError] = []
-    roots: list[Usd.Prim] = []
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LodRoots:
+    """The LOD roots of a stage."""
+
+    prims: tuple[Usd.Prim, ...]
+    replaced: frozenset[Sdf.Path]
+    """Roots that a splat tree names, which is drawn instead of their items."""
+
+
+def find_roots(stage: Usd.Stage) -> LodRoots:
+    """Find the LOD roots of a stage, in every instance."""
+    prims: list[Usd.Prim] = []
     replaced: set[Sdf.Path] = set()
     for prim in Usd.PrimRange.Stage(stage, _IN_WORLD):
         if is_lod_root(prim):
-            roots.append(prim)
+            prims.append(prim)
         elif is_tree(prim):
             replaced.update(prim.GetRelationship(tokens.LOD_ROOT).GetForwardedTargets())
-    for prim in roots:
+    return LodRoots(prims=tuple(prims), replaced=frozenset(replaced))
+
+
+def choose_items(roots: LodRoots, time: Usd.TimeCode, view: LodView | None = None) -> ItemChoice:
+    """Choose the items of LOD roots.
+
+    Args:
+        roots: The roots, on a stage that has not changed since.
+        time: Time at which overrides, heuristics and transforms are read.
+        view: The view; None for the choice that depends on none. Roots below point instancers are
+            chosen without it, because each instance would have another size.
+    """
+    shown: set[Sdf.Path] = set()
+    hidden: set[Sdf.Path] = set()
+    problems: list[StageError] = []
+    places = UsdGeom.XformCache(time)
+    for prim in roots.prims:
         children = {child.GetPath() for child in prim.GetFilteredChildren(_IN_WORLD)}
+        if prim.GetPath() in roots.replaced:
+            hidden |= children
+            continue
         try:
-            chosen = {Sdf.Path(path) for path in shown_item(prim, time)}
+            root = read_lod_root(prim, time)
+            own = None if root.heuristic is None or _is_scattered(prim) else view
+            to_world = np.array(local_to_world(prim, places)).T if own else None
+            chosen = {Sdf.Path(path) for path in root.shown(own, to_world)}
         except StageError as error:
             problems.append(error)
             continue
-        if prim.GetPath() in replaced:
-            chosen = set()
         shown |= chosen
         hidden |= children - chosen
     return ItemChoice(shown=frozenset(shown), hidden=frozenset(hidden), problems=tuple(problems))
+
+
+def item_choice(stage: Usd.Stage, time: Usd.TimeCode) -> ItemChoice:
+    """Choose the items of all LOD roots of a stage without regard to a view."""
+    return choose_items(find_roots(stage), time)
+
+
+def tree_level(prim: Usd.Prim, time: Usd.TimeCode) -> int | None:
+    """Return the level of a splat tree that an override demands; None if views choose.
+
+    The override is that of the LOD root that the tree names, or else of the tree: `indexedLOD` is a
+    level of the tree, 0 the leaves; `allLOD` and `noLOD` are the leaves, because a tree is no item.
+
+    Args:
+        prim: The tree.
+        time: Time of the override.
+
+    Raises:
+        StageError: If the index has another type than the schema's.
+    """
+    targets = prim.GetRelationship(tokens.LOD_ROOT).GetForwardedTargets()
+    root = prim.GetStage().GetPrimAtPath(targets[0]) if targets else None
+    mode, index = _override(root or prim, time)
+    if mode == "noOverride":
+        return None
+    return nearest_index(index, _MOST_LEVELS) if mode == "indexedLOD" else 0
 
 
 def author_lod_root(
@@ -238,6 +293,15 @@ def _check(
         raise UsageError("default", str(default), f"0 to {len(fields) - 1}")
     if tree is not None and tree.GetPath().HasPrefix(root):
         raise UsageError("tree", f"{tree.GetPath()}, below the root", "a prim beside it")
+
+
+def _is_scattered(prim: Usd.Prim) -> bool:
+    """Return whether a prim is below a point instancer."""
+    while prim and not prim.IsPseudoRoot():
+        if prim.IsA(UsdGeom.PointInstancer):
+            return True
+        prim = prim.GetParent()
+    return False
 
 
 def _override(prim: Usd.Prim, time: Usd.TimeCode) -> tuple[Mode, float]:
