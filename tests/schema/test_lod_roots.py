@@ -14,6 +14,7 @@ from tests.trees import little_tree
 from usdsplat import schema
 from usdsplat.core.errors import StageError, UsageError
 from usdsplat.core.lod_heuristics import LodView
+from usdsplat.schema import lod_roots
 from usdsplat.schema.hints import DrawingHints
 from usdsplat.schema.lod_roots import (
     author_lod_root,
@@ -179,6 +180,25 @@ def test_roots_of_others_are_read(stage: Usd.Stage) -> None:
     distance.CreateBoundingVolumeRel().SetTargets(["/Cube"])
     for z, name in ((29.9, "high"), (30.1, "low")):
         assert shown_item(root, NOW, view_at(z)) == (f"/Tree/{name}",)
+
+
+def test_schemas_that_usd_does_not_know_are_read_by_name(
+    stage: Usd.Stage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Oracle: names that are in no registry, as those of UsdLod are before 26.8."""
+    for name in ("ROOT_API", "OVERRIDE_API", "SCREEN_SIZE"):
+        unknown = f"Unknown{getattr(lod_roots, name)}"
+        monkeypatch.setattr(lod_roots, name, unknown)
+        registry = Usd.SchemaRegistry()
+        assert not registry.FindAppliedAPIPrimDefinition(unknown)
+        assert not registry.FindConcretePrimDefinition(unknown)
+    root = authored(stage)
+    assert is_lod_root(root) and root.GetAppliedSchemas() == []
+    assert shown_item(root, NOW, view_at(5)) == ("/City/coarse/lod0",)
+    assert shown_item(root, NOW, view_at(5000)) == ("/City/coarse/lod2",)
+    root.AddAppliedSchema("UnknownLODOverrideAPI")
+    root.CreateAttribute("lod:override:mode", Sdf.ValueTypeNames.Token).Set("noLOD")
+    assert shown_item(root, NOW, view_at(5)) == ()
 
 
 def test_a_root_without_items_shows_nothing(stage: Usd.Stage) -> None:

@@ -85,7 +85,7 @@ class LodRoot:
 
 def is_lod_root(prim: Usd.Prim) -> bool:
     """Return whether a prim has LODRootAPI, whether USD knows it or not."""
-    return bool(prim) and ROOT_API in prim.GetAppliedSchemas()
+    return bool(prim) and _has_api(prim, ROOT_API)
 
 
 def read_lod_root(prim: Usd.Prim, time: Usd.TimeCode) -> LodRoot:
@@ -295,6 +295,12 @@ def _check(
         raise UsageError("tree", f"{tree.GetPath()}, below the root", "a prim beside it")
 
 
+def _has_api(prim: Usd.Prim, name: str) -> bool:
+    """Return whether an API schema is applied to a prim; USD itself lists only those it knows."""
+    applied = prim.GetMetadata("apiSchemas")
+    return applied is not None and name in applied.ApplyOperations([])
+
+
 def _is_scattered(prim: Usd.Prim) -> bool:
     """Return whether a prim is below a point instancer."""
     while prim and not prim.IsPseudoRoot():
@@ -307,7 +313,7 @@ def _is_scattered(prim: Usd.Prim) -> bool:
 def _override(prim: Usd.Prim, time: Usd.TimeCode) -> tuple[Mode, float]:
     """Return the override that acts on a root, and its index."""
     while prim and not prim.IsPseudoRoot():
-        if OVERRIDE_API in prim.GetAppliedSchemas():
+        if _has_api(prim, OVERRIDE_API):
             attribute = prim.GetAttribute("lod:override:mode")
             mode = attribute.Get(time) if attribute and attribute.HasAuthoredValue() else None
             if mode in _MODES:
