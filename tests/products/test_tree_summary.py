@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from pxr import Usd, Vt
+from pxr import Usd, UsdUtils, Vt
 
 from tests.schema.clouds import cloud
 from tests.trees import changed, little_tree
@@ -47,6 +47,17 @@ def test_hints_and_missing_chunks(tmp_path: Path) -> None:
     assert (told["color_space"], told["filtered_pixel"]) == ("lin_ap1_scene", None)
     assert told["chunks_missing"] == 1
     assert told["bytes"] == sum(f.stat().st_size for f in (tmp_path / "tree_chunks").iterdir())
+
+
+def test_chunks_in_a_package_have_their_own_size(tmp_path: Path) -> None:
+    """Oracle: the sizes of the files that were packed."""
+    path = little_tree(tmp_path, cloud(n=64))
+    size = described(path)["bytes"]
+    package = tmp_path / "tree.usdz"
+    assert UsdUtils.CreateNewUsdzPackage(str(path), str(package))
+    told = described(package)
+    assert (told["bytes"], told["chunks_missing"]) == (size, 0)
+    assert size > 0
 
 
 def test_a_broken_tree_is_described_by_its_problem(tmp_path: Path) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,6 +12,7 @@ from usdsplat.core.errors import UsdSplatError
 from usdsplat.core.node_cuts import heights, level_cut
 from usdsplat.core.node_table import NodeTable
 from usdsplat.interchange.unapplied import is_cropped, is_graded
+from usdsplat.schema.crate_arrays import layer_size
 
 
 def of_tree(prim: Usd.Prim, time: float | None) -> dict[str, Any]:
@@ -29,8 +29,8 @@ def of_tree(prim: Usd.Prim, time: float | None) -> dict[str, Any]:
         return {**identity, "problem": str(error)}
     table = tree.table
     used = sorted(set(table.chunk.tolist()) - {-1})
-    files = [Path(tree.chunks[row]) for row in used if tree.chunks[row]]
-    size = sum(file.stat().st_size for file in files if file.is_file())
+    files = [tree.chunks[row] for row in used if tree.chunks[row]]
+    size = sum(map(layer_size, files))
     splats = level_cut(table, 0).splats(table)
     return {
         **identity,

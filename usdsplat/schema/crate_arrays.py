@@ -58,6 +58,16 @@ def check_arrays(path: str, *, is_chunk: bool) -> None:
         raise StageError(path, found, "a file that USD can read") from None
 
 
+def layer_size(path: str) -> int:
+    """Return the size of a layer's file, or of the member of a package [byte]; 0 if it cannot be
+    read, or is in memory."""
+    try:
+        with _opened(path) as file:
+            return 0 if file is None else file.seek(0, 2)
+    except (OSError, zipfile.BadZipFile, LookupError, NotImplementedError):
+        return 0
+
+
 @contextmanager
 def _opened(path: str) -> Iterator[BinaryIO | None]:
     """Open the file of a layer, or the member of a package, by default its first; None if there is
