@@ -168,6 +168,34 @@ def test_a_tree_is_exported_in_world_space(path: Path, tmp_path: Path) -> None:
     np.testing.assert_allclose(found[order], expected[other], atol=1e-6)
 
 
+def test_a_tree_that_is_named_is_exported_even_if_it_is_invisible(
+    path: Path, tmp_path: Path
+) -> None:
+    """Oracle: the rule for fields."""
+    stage = Usd.Stage.Open(str(path))
+    UsdGeom.Imageable(stage.GetPrimAtPath("/tree/splats")).MakeInvisible()
+    with pytest.raises(StageError, match="not shown in renders"):
+        export_capture(stage, tmp_path / "a.ply")
+    report = export_capture(stage, tmp_path / "a.ply", prim_path="/tree/splats")
+    assert report.splats == 200
+
+
+def test_point_instances_of_a_tree_are_exported(path: Path, tmp_path: Path) -> None:
+    """Oracle: centres of two instances, moved by hand."""
+    stage = Usd.Stage.Open(str(path))
+    instancer = UsdGeom.PointInstancer.Define(stage, "/Many")
+    instancer.CreatePrototypesRel().SetTargets(["/tree"])
+    instancer.CreateProtoIndicesAttr([0, 0])
+    instancer.CreatePositionsAttr([(50, 0, 0), (0, 70, 0)])
+    choice = StageReading(prim_path="/Many", trees=TreeChoice(level=2))
+    report = export_stage(stage, tmp_path / "a.ply", choice, axes="rub")
+    assert report.splats == 28
+    found = read_ply(tmp_path / "a.ply")["positions"]
+    own = reading_of(path, level=2)[0].cloud().positions
+    np.testing.assert_allclose(found[:14], own + np.float32([50, 0, 0]), atol=1e-5)
+    np.testing.assert_allclose(found[14:], own + np.float32([0, 70, 0]), atol=1e-5)
+
+
 def test_levels_are_written_by_convert(path: Path, tmp_path: Path) -> None:
     """Oracle: the counts of the levels; also joined with a capture."""
     export = ExportOptions(trees=TreeChoice(level=1))

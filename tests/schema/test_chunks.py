@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -123,6 +124,15 @@ def test_files_that_are_no_chunks_are_one_sentence(tmp_path: Path) -> None:
         with pytest.raises(StageError, match=said) as raised:
             read_chunk(path)
         assert "\n" not in str(raised.value)
+
+
+def test_a_pipe_or_a_folder_is_one_sentence(tmp_path: Path) -> None:
+    """Oracle: what is in the place of the file; reading a pipe would never end."""
+    os.mkfifo(tmp_path / "pipe.usda")
+    (tmp_path / "folder.usdc").mkdir()
+    for name in ("pipe.usda", "folder.usdc"):
+        with pytest.raises(StageError, match="found no regular file, expected a layer"):
+            read_chunk(str(tmp_path / name))
 
 
 def edited(path: Path, **values: Any) -> None:

@@ -10,11 +10,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from pxr import Sdf, Tf
+from pxr import Ar, Sdf, Tf
 
 from usdsplat.core.cloud import F32, SplatCloud
 from usdsplat.core.errors import StageError
@@ -208,6 +209,9 @@ def _opened(path: str) -> Iterator[_Field]:
     """
     if not path:
         raise StageError("chunk", "no file", "a layer with splats")
+    file = Path(Ar.SplitPackageRelativePathOuter(path)[0])
+    if file.exists() and not file.is_file():  # opening a pipe would wait for ever
+        raise StageError(path, "no regular file", "a layer with splats")
     check_arrays(path, is_chunk=True)
     try:
         layer = Sdf.Layer.FindOrOpen(readable(path))
