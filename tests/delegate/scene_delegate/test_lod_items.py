@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -226,3 +227,75 @@ def test_a_field_of_a_root_is_drawn_like_any_other() -> None:
         with Engine(each, device="cpu") as engine:
             pictures.append(engine.picture(engine.view(NEAR, resolution=SIZE))["color"].copy())
     same(*pictures)
+
+
+def edits(stage: Usd.Stage) -> list[Callable[[np.random.Generator], object]]:
+    """Edits that change which items are drawn, or what a choice is made of."""
+    root = UsdGeom.Xform(stage.GetPrimAtPath("/Set/Rock"))
+    size = UsdLod.ScreenSizeHeuristic(stage.GetPrimAtPath("/Set/Size"))
+    parent = stage.GetPrimAtPath("/Set")
+    move = root.AddTranslateOp()
+    names = Sdf.ValueTypeNames
+
+    def override(prim: Usd.Prim, rng: np.random.Generator) -> None:
+        prim.AddAppliedSchema("LODOverrideAPI")
+        modes = ("inherited", "noOverride", "indexedLOD", "noLOD", "allLOD")
+        prim.CreateAttribute("lod:override:mode", names.Token).Set(modes[rng.integers(5)])
+        prim.CreateAttribute("lod:override:index", names.Float).Set(float(rng.integers(3)))
+
+    def seen(rng: np.random.Generator) -> None:
+        paths = ("/Set/Rock", "/Set/Rock/high", "/Set/Rock/low")
+        value = ("inherited", "invisible")[rng.integers(2)]
+        UsdGeom.Imageable(stage.GetPrimAtPath(paths[rng.integers(3)])).CreateVisibilityAttr(value)
+
+    def item(rng: np.random.Generator) -> None:
+        if stage.GetPrimAtPath("/Set/Rock/more"):
+            stage.RemovePrim("/Set/Rock/more")
+        else:
+            UsdGeom.Cone.Define(stage, "/Set/Rock/more")
+
+    def apply(rng: np.random.Generator) -> None:
+        change = root.GetPrim().AddAppliedSchema
+        if rng.random() < 0.3:
+            change = root.GetPrim().RemoveAppliedSchema
+        change("LODRootAPI")
+
+    return [
+        lambda rng: override(parent, rng),
+        lambda rng: override(root.GetPrim(), rng),
+        lambda rng: parent.RemoveAppliedSchema("LODOverrideAPI"),
+        lambda rng: size.CreateThresholdsAttr([float(rng.uniform(0.0001, 0.5))]),
+        lambda rng: size.CreateBlendThresholdsAttr([float(rng.uniform(0.0001, 0.5))]),
+        lambda rng: size.CreateProjectionMethodAttr(
+            ("projectedSphere", "projectedExtent")[rng.integers(2)]
+        ),
+        lambda rng: size.CreateLodDomainAttr(("imaging", "audio")[rng.integers(2)]),
+        lambda rng: size.CreateExtentAttr([(-1, -1, -1), (1, 1, float(rng.uniform(1, 9)))]),
+        lambda rng: move.Set(Gf.Vec3d(*rng.uniform(-1, 1, 2), rng.uniform(-60, 0))),
+        lambda rng: (
+            root.GetPrim()
+            .CreateAttribute("lod:default:index", names.Int)
+            .Set(int(rng.integers(-1, 4)))
+        ),
+        seen,
+        item,
+        apply,
+    ]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_random_edits_give_the_picture_of_a_new_engine(seed: int) -> None:
+    """Oracle: an engine that reads the edited stage anew; bit for bit."""
+    rng = np.random.default_rng(seed)
+    stage = meshes()
+    known = edits(stage)
+    pictures = set()
+    with Engine(stage, device="cpu") as engine:
+        for _ in range(25):
+            for _ in range(rng.integers(1, 3)):
+                known[rng.integers(len(known))](rng)
+            path = (NEAR, FAR)[rng.integers(2)]
+            found = picture(engine, path)
+            same(found, drawn(stage, path))
+            pictures.add(found.tobytes())
+    assert len(pictures) > 4
