@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from pxr import Gf, UsdGeom
 
+from tests.delegate.scene_delegate.test_lod_items import FAR, NEAR, meshes
 from tests.preview.documents import BLACK, STATE, alone, drawn_by
 from usdsplat.core.errors import StageError, UsageError
 from usdsplat.delegate.engine import Engine
@@ -30,6 +31,16 @@ def test_a_picture_is_what_an_engine_draws(document, events, stage, time):
     np.testing.assert_array_equal(picture.image, alone(stage, time=time))
     assert (picture.scale, picture.is_final, picture.total) == (1.0, True, 24)
     assert picture.camera.path == "/Camera" and picture.milliseconds["total"] > 0
+
+
+def test_the_items_of_lod_roots_follow_the_view(events):
+    """Oracle: an engine of its own for each camera; the pictures of two items differ."""
+    stage = meshes()
+    document = Document(stage, publish=events.append)
+    for camera in (NEAR, FAR, NEAR):
+        drawn_by(document, replace(STATE, camera=camera))
+        np.testing.assert_array_equal(events.pictures[-1].image, alone(stage, camera=camera))
+    document.close()
 
 
 def test_nothing_is_drawn_twice(document, events, monkeypatch):

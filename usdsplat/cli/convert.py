@@ -13,6 +13,8 @@ examples:
       the splats below a prim at frame 12, in world space, as a capture
   usdsplat convert shot.usd tree.spz --split
       one file per field: tree_Trunk.spz, tree_Leaves.spz
+  usdsplat convert city.usda far.spz --lod 2
+      a coarse level of a splat tree; --max-splats 500000 takes the best cut of that size
   usdsplat convert house.ply garden.sog both.ply
       several captures in one, in the coordinates of the first
   usdsplat convert cap.####.sog shot.usdc --frames 1-48 --rate 25
@@ -77,6 +79,7 @@ def run(options: Options, reporter: Reporter) -> int:
         ImportOptions,
         SequenceOptions,
     )
+    from usdsplat.interchange.tree_reading import TreeChoice
 
     if not options.others:
         raise UsageError("convert", "no OUT", "one; see 'usdsplat convert --help'")
@@ -112,6 +115,9 @@ def run(options: Options, reporter: Reporter) -> int:
                 time=time_code(options.stage_input.frame),
                 split=options.stage_input.split,
                 writing=WriteOptions(spz_version=captures.spz_version or 4),
+                trees=TreeChoice(
+                    level=captures.lod or 0, max_splats=options.stage_input.max_splats
+                ),
             ),
             sequence=SequenceOptions(
                 frames=None if frames.frames is None else parse_frames(frames.frames),

@@ -42,6 +42,8 @@ class StageRead:
     """time code at which a stage is read; default: its default values, or the first samples"""
     split: Annotated[bool, option()] = False
     """write one file per field, named OUT with the prim's name before the suffix"""
+    max_splats: Annotated[int | None, option("COUNT")] = None
+    """read each splat tree with at most so many splats, by refining its largest errors first"""
     flatten: Annotated[bool, option()] = False
     """from stage to stage: write one self-contained file with the selected variants; default: keep
     variants, references and payloads, and write the converted fields over them"""
@@ -69,8 +71,9 @@ class Captures:
     """directions of x, y and z, such as rdf; to a stage: those of the input, default auto: as
     stated in the file, else as its splats suggest, else rdf; to a capture: those of the output,
     default as usual for its format"""
-    lod: Annotated[int | None, option("LEVEL")] = None
-    """level to read from a capture with levels of detail, 0 is the finest; default: 0"""
+    lod: Annotated[int | None, option("LEVEL", excludes="--max-splats")] = None
+    """level to read from a capture or a splat tree with levels of detail, 0 is the finest; default:
+    0; not with --max-splats"""
     spz_version: Annotated[int | None, option("3|4")] = None
     """version of an .spz to write; default: 4"""
 
@@ -99,7 +102,7 @@ _MEANINGFUL = {
     (False, True): (
         *("packed", "half", "up_axis", "axes", "meters_per_unit", "prim", "bake_axes", "lod"),
     ),
-    (True, False): ("prim", "axes", "spz_version"),
+    (True, False): ("prim", "axes", "lod", "max_splats", "spz_version"),
     (False, False): ("axes", "lod", "spz_version"),
     (True, True): ("packed", "half", "flatten"),
 }
@@ -151,6 +154,9 @@ def check(options: Options, sources: Sequence[Path], target: str) -> None:
     lod, version = options.capture.lod, options.capture.spz_version
     if lod is not None and lod < 0:
         raise UsageError("--lod", str(lod), "a level, 0 the finest")
+    most = options.stage_input.max_splats
+    if most is not None and most < 1:
+        raise UsageError("--max-splats", str(most), "at least 1")
     if version is not None and not target.lower().endswith(".spz"):
         raise UsageError("--spz-version", target, "an .spz to write")
     if version not in (None, *SPZ_VERSIONS):

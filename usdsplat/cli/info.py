@@ -4,7 +4,8 @@ examples:
   usdsplat info scan.ply
       number of splats, size, format, axes and accuracy
   usdsplat info shot.usd
-      every splat field with statistics, and cameras, frames and render products
+      every splat field with statistics, every splat tree with its levels, and cameras, frames and
+      render products
   usdsplat info shot.usd --frame 12
   usdsplat info scan.sog --json
   usdsplat info scan.sog --plot report.html
@@ -134,7 +135,10 @@ def _lines(value: dict[str, Any], indent: str) -> list[str]:
             continue  # the remark says it if they do not
         if isinstance(item, list) and isinstance(item[0], dict):
             for entry in item:
-                lines += [f"{indent}{name}", *_lines(entry, indent + "  ")]
+                if all(isinstance(part, int | float) for part in entry.values()):
+                    lines.append(f"{indent}{name:<18} {_text(entry)}")
+                else:
+                    lines += [f"{indent}{name}", *_lines(entry, indent + "  ")]
         elif isinstance(item, list) and isinstance(item[0], str):
             lines += [f"{indent}{name:<18} {shown(entry)}" for entry in item]
         elif isinstance(item, dict) and any(isinstance(v, str) for v in item.values()):

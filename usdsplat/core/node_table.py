@@ -23,6 +23,8 @@ NODE_SPLATS = 65_536
 
 _SLACK = 1e-5
 """Part of a box's size by which single precision may let a child's box exceed its parent's."""
+_ROWS = 1 << 40
+"""Largest row of a chunk, and largest number of splats of a node, that a table may state."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -85,8 +87,9 @@ def check_nodes(table: NodeTable, where: str, *, chunks: int) -> None:
 
     Raises:
         StageError: If there is no node, arrays differ in length or have wrong shapes, a number is
-            negative or not finite, children are not as `NodeTable` says, a child's box is not
-            inside its parent's, or an error is not at least NESTED times a child's.
+            negative or not finite, children are not as `NodeTable` says, the rows of two nodes
+            overlap, a child's box is not inside its parent's, or an error is not at least NESTED
+            times a child's.
     """
     n = len(table)
     for field in fields(table):
@@ -99,19 +102,39 @@ def check_nodes(table: NodeTable, where: str, *, chunks: int) -> None:
         raise StageError(where, "no nodes", "at least one")
     _check_links(table, where)
     _check_values(table, where, chunks)
+    _check_rows(table, where)
+    _check_nesting(table, where)
+
+
+def _check_nesting(table: NodeTable, where: str) -> None:
+    """Raise an error unless boxes and errors of children are smaller than those of their parent."""
     parents = table.parents()[1:]
-    slack = _SLACK * (table.high[parents] - table.low[parents]).max(axis=1, keepdims=True)
-    outside = (table.low[1:] < table.low[parents] - slack) | (
-        table.high[1:] > table.high[parents] + slack
-    )
+    low, high = table.low.astype(np.float64), table.high.astype(np.float64)
+    slack = _SLACK * (high[parents] - low[parents]).max(axis=1, keepdims=True)
+    outside = (low[1:] < low[parents] - slack) | (high[1:] > high[parents] + slack)
     if outside.any():
         node = 1 + int(np.flatnonzero(outside.any(axis=1))[0])
         raise StageError(where, f"node {node} beyond the box of its parent", "nested boxes")
-    growing = table.errors[parents] < np.float32(NESTED * (1 - 1e-6)) * table.errors[1:]
+    errors = table.errors.astype(np.float64)
+    growing = errors[parents] < NESTED * (1 - 1e-6) * errors[1:]
     if growing.any():
         node = 1 + int(np.flatnonzero(growing)[0])
         found = f"node {node} with the error {table.errors[node]:g}"
         raise StageError(where, found, f"at most 1/{NESTED:g} of its parent's")
+
+
+def _check_rows(table: NodeTable, where: str) -> None:
+    """Raise an error if two nodes have a row of a chunk in common."""
+    counts = table.proxies + table.residents
+    filled = np.flatnonzero(counts)
+    order = filled[np.lexsort((table.first_row[filled], table.chunk[filled]))]
+    ends = (table.first_row + counts)[order]
+    shared = table.chunk[order[1:]] == table.chunk[order[:-1]]
+    overlapping = shared & (table.first_row[order[1:]] < ends[:-1])
+    if overlapping.any():
+        node = int(order[1 + np.flatnonzero(overlapping)[0]])
+        found = f"node {node} with rows of chunk {table.chunk[node]} that another node has"
+        raise StageError(where, found, "rows of its own")
 
 
 def _check_links(table: NodeTable, where: str) -> None:
@@ -132,13 +155,15 @@ def _check_values(table: NodeTable, where: str, chunks: int) -> None:
     """Raise an error for numbers that no node may have."""
     leaf = table.child_count == 0
     empty = table.proxies + table.residents == 0
+    finite = np.isfinite(table.low) & np.isfinite(table.high)
     for wrong, what in (
-        (~np.isfinite(table.low).all(axis=1), "a box that is not finite"),
+        (~finite.all(axis=1), "a box that is not finite"),
         (~(table.low <= table.high).all(axis=1), "a box that is inside out"),
         ((table.proxies < 0) | (table.residents < 0), "a negative number of splats"),
-        (table.proxies + table.residents < 0, "too many splats"),
-        ((table.first_row < 0) | (table.first_row > 1 << 40), "a row out of range"),
+        ((table.proxies > _ROWS) | (table.residents > _ROWS), "too many splats"),
+        ((table.first_row < 0) | (table.first_row > _ROWS), "a row out of range"),
         (np.isnan(table.errors) | (table.errors < 0), "an error that is no length"),
+        (leaf & (table.first_child != 0), "no children, but a first child"),
         (leaf & (table.errors != 0), "children missing, but an error above 0"),
         (~leaf & (table.errors == 0), "children, but the error 0"),
         (~leaf & (table.proxies == 0) & np.isfinite(table.errors), "children and no proxies"),

@@ -98,9 +98,9 @@ class Engine:
         """
         self._open().set_refinement(levels)
 
-    def sync(self) -> None:
-        """Bring the render scene up to date with the stage. Pictures do this automatically."""
-        (scene := self._open()).apply_pending_updates()
+    def sync(self, view: View | None = None) -> None:
+        """Bring the render scene up to date with the stage, and LOD roots with a view."""
+        (scene := self._open()).apply_pending_updates(view)
         self._index.sync_all(scene)
 
     @property
@@ -266,7 +266,7 @@ class Engine:
             holdout: Function that reads a holdout for pixels x0, y0, x1, y1; see `images.holdout`.
             band_pixels: Approximate number of pixels per band.
         """
-        self.sync()
+        self.sync(view)
         how = self._resolved(settings)
         sampler = self._times(view, how, aovs)
         return self._drawer.renderer.render(
@@ -291,7 +291,7 @@ class Engine:
         Raises:
             UsageError: If splats are sorted by another key, or a row has too many samples.
         """
-        self.sync()
+        self.sync(view)
         how = self._resolved(settings)
         sampler = self._times(view, how, ())
         return self._drawer.renderer.render_deep(
@@ -319,7 +319,7 @@ class Engine:
             (height, width, 4): premultiplied, in the colour space of `settings`.
         """
         if sync:
-            self.sync()
+            self.sync(view)
         self._open()
         settings = self._resolved(settings)
         buffers = {name: self._index.buffer(name) for name in aovs}

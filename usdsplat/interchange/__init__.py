@@ -4,9 +4,14 @@ from __future__ import annotations
 
 from usdsplat.interchange.cameras import CameraReport, import_cameras
 from usdsplat.interchange.converting import convert
-from usdsplat.interchange.exporting import export_capture, export_each
+from usdsplat.interchange.exporting import export_capture, export_each, export_stage
 from usdsplat.interchange.importing import import_capture
-from usdsplat.interchange.options import ExportOptions, ImportOptions, SequenceOptions
+from usdsplat.interchange.options import (
+    ExportOptions,
+    ImportOptions,
+    SequenceOptions,
+    StageReading,
+)
 from usdsplat.interchange.repacking import repack
 from usdsplat.interchange.reports import (
     ExportReport,
@@ -18,6 +23,7 @@ from usdsplat.interchange.reports import (
 )
 from usdsplat.interchange.sequence_exporting import export_sequence
 from usdsplat.interchange.sequences import import_sequence
+from usdsplat.interchange.tree_reading import TreeChoice
 
 __all__ = [
     "CameraReport",
@@ -30,10 +36,13 @@ __all__ = [
     "SequenceImportReport",
     "SequenceOptions",
     "SplitReport",
+    "StageReading",
+    "TreeChoice",
     "convert",
     "export_capture",
     "export_each",
     "export_sequence",
+    "export_stage",
     "import_cameras",
     "import_capture",
     "import_sequence",

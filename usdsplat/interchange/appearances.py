@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from pxr import Usd, UsdGeom
+from pxr import Sdf, Usd, UsdGeom
 
 from usdsplat import schema
 from usdsplat.core import edit
 from usdsplat.core.cloud import F64, SplatCloud
-from usdsplat.core.errors import StageError
+from usdsplat.core.errors import StageError, UsageError
+from usdsplat.core.node_cuts import heights
+from usdsplat.interchange.options import StageReading
 from usdsplat.interchange.placement import checked_path
+from usdsplat.interchange.tree_reading import LEAVES, TreeChoice, TreeReading
+from usdsplat.schema.lod_roots import item_choice
 from usdsplat.schema.stage_values import local_to_ancestor, local_to_world
 
 MOST_SPLATS = 1 << 28
@@ -26,11 +30,29 @@ _IN_PROTOTYPE = Usd.TraverseInstanceProxies(Usd.PrimIsActive & Usd.PrimIsLoaded)
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Appearance:
-    """A field with every place where it appears."""
+    """A field or a splat tree with every place where it appears."""
 
     prim: Usd.Prim
     to_world: F64
     """Local to world matrices, column vectors, shape (k, 4, 4)."""
+    trees: TreeChoice = LEAVES
+    """What to read of a tree."""
+
+    @property
+    def rasterize_mode(self) -> str:
+        """Mode in which the splats are drawn.
+
+        Raises:
+            StageError: If it is a tree that cannot be read.
+        """
+        if schema.is_tree(self.prim):
+            return TreeReading.of(self.prim, self.trees).rasterize_mode
+        return schema.rasterize_mode(self.prim)
+
+    @property
+    def chunk_files(self) -> tuple[str, ...]:
+        """Files of the chunks of a tree; none for a field."""
+        return schema.read_tree(self.prim).chunks if schema.is_tree(self.prim) else ()
 
     def cloud(self, time: float | None, turn: F64) -> SplatCloud:
         """Return all its splats in world space, transformed by `turn`, shape (3, 3): axes and
@@ -40,10 +62,15 @@ class Appearance:
             StageError: If there are more than `MOST_SPLATS`, the field cannot be read, or float32
                 cannot hold its world positions.
         """
-        own = schema.fetch(self.prim, time)
-        total = len(own) * len(self.to_world)
+        source: SplatCloud | TreeReading
+        if schema.is_tree(self.prim):
+            source = TreeReading.of(self.prim, self.trees)
+        else:
+            source = schema.fetch(self.prim, time)
+        total = len(source) * len(self.to_world)
         if total > MOST_SPLATS:
             raise StageError(str(self.prim.GetPath()), f"{total} splats", f"{MOST_SPLATS} at most")
+        own = source.cloud() if isinstance(source, TreeReading) else source
         turned = np.eye(4)
         turned[:3, :3] = turn
         clouds = [self._placed(own, turned @ matrix) for matrix in self.to_world]
@@ -61,37 +88,43 @@ class Appearance:
         return placed
 
 
-def appearances(
-    stage: Usd.Stage, prim_path: str | None, time: float | None
-) -> tuple[list[Appearance], list[str]]:
-    """Return the visible fields, one entry per field, and notes on what is left out.
+def appearances(stage: Usd.Stage, reading: StageReading) -> tuple[list[Appearance], list[str]]:
+    """Return the visible fields and trees, one entry for each, and notes on what is left out.
+
+    Of LOD roots, the items that are drawn without a view are taken; none if a tree stands for them.
 
     Args:
-        prim_path: A field, which is taken even if invisible, or a prim with fields below it; None
-            is the whole stage.
-        time: Time code; None is the default time.
+        stage: The stage.
+        reading: What to read. A field that it names is taken even if it is invisible.
 
     Raises:
         StageError: If there is no such prim, or nothing is visible.
-        UsageError: If `prim_path` is not the path of a prim.
+        UsageError: If `prim_path` is not the path of a prim, or no tree has the chosen level.
     """
+    prim_path, time, trees = reading.prim_path, reading.time, reading.trees
     root = (
         stage.GetPseudoRoot() if prim_path is None else stage.GetPrimAtPath(checked_path(prim_path))
     )
     if not root:
         raise StageError(str(prim_path), "no such prim", "a splat field of the stage")
     places = UsdGeom.XformCache(code(time))
-    if schema.is_splat_field(root):
-        return [_once(root, places)], []
-    found: list[Appearance] = []
+    found: list[Appearance]
+    if is_exported(root):
+        found = [replace(_once(root, places), trees=trees)]
+        _check_choice(trees, found)
+        return found, []
+    found = []
     notes: list[str] = []
+    items = item_choice(stage, code(time))
     prims = iter(Usd.PrimRange(root, _IN_WORLD))
     for prim in prims:
-        if prim.IsA(UsdGeom.PointInstancer):
+        if prim != root and prim.GetPath() in items.hidden:
+            prims.PruneChildren()
+        elif prim.IsA(UsdGeom.PointInstancer):
             found += _instances(UsdGeom.PointInstancer(prim), places, time, notes)
             prims.PruneChildren()
-        elif schema.is_splat_field(prim):
-            if _is_visible(prim, time):
+        elif is_exported(prim):
+            if _is_visible(prim, time, shown=items.shown):
                 try:
                     found.append(_once(prim, places))
                 except StageError as error:
@@ -101,7 +134,25 @@ def appearances(
     if not found:
         where = prim_path or stage.GetRootLayer().identifier
         raise StageError(where, "; ".join(notes) or "no splat field", "a visible splat field")
-    return found, notes
+    _check_choice(trees, found)
+    return [replace(each, trees=trees) for each in found], notes
+
+
+def is_exported(prim: Usd.Prim) -> bool:
+    """Return whether a prim has splats that a capture can hold: a field or a splat tree."""
+    return schema.is_splat_field(prim) or schema.is_tree(prim)
+
+
+def _check_choice(trees: TreeChoice, found: list[Appearance]) -> None:
+    """Raise an error for a choice that has no effect, or for a level that no tree has."""
+    if trees == LEAVES:
+        return
+    tables = [schema.read_tree(each.prim).table for each in found if schema.is_tree(each.prim)]
+    if not tables:
+        raise UsageError("level of detail", "a stage without splat trees", "one with a tree")
+    top = max(int(heights(table)[0]) for table in tables)
+    if trees.level > top:
+        raise UsageError("level of detail", f"level {trees.level}", f"0 to {top}")
 
 
 def code(time: float | None) -> Usd.TimeCode:
@@ -146,7 +197,7 @@ def _instances(
         for prim in Usd.PrimRange(prototype, _IN_WORLD if is_defined else _IN_PROTOTYPE):
             if prim.IsA(UsdGeom.PointInstancer):
                 notes.append(f"{prim.GetPath()}: point instances of instances are not exported")
-            elif schema.is_splat_field(prim) and _is_visible(prim, time, prototype):
+            elif is_exported(prim) and _is_visible(prim, time, prototype):
                 try:
                     inner = local_to_ancestor(prim, prototype, places)
                 except StageError as error:
@@ -178,16 +229,23 @@ def _columns(matrix: object) -> F64:
     return np.array(matrix, np.float64).T
 
 
-def _is_visible(prim: Usd.Prim, time: float | None, root: Usd.Prim | None = None) -> bool:
-    """Return whether renders show the prim; ancestors of a prototype `root` are ignored."""
+def _is_visible(
+    prim: Usd.Prim,
+    time: float | None,
+    root: Usd.Prim | None = None,
+    shown: frozenset[Sdf.Path] = frozenset(),
+) -> bool:
+    """Return whether renders show the prim; ancestors of a prototype `root` are ignored, and so is
+    the own visibility of items of LOD roots that are `shown`."""
     purpose = ""
     while prim and not prim.IsPseudoRoot():
         imageable = UsdGeom.Imageable(prim)
         if imageable:
-            if imageable.GetVisibilityAttr().Get(code(time)) == UsdGeom.Tokens.invisible:
+            own = imageable.GetVisibilityAttr().Get(code(time))
+            if own == UsdGeom.Tokens.invisible and prim.GetPath() not in shown:
                 return False
-            own = imageable.GetPurposeAttr()
-            purpose = purpose or (str(own.Get()) if own.HasAuthoredValue() else "")
+            named = imageable.GetPurposeAttr()
+            purpose = purpose or (str(named.Get()) if named.HasAuthoredValue() else "")
         if prim == root:
             break
         prim = prim.GetParent()

@@ -14,8 +14,9 @@ from usdsplat.core.findings import Finding
 from usdsplat.core.progress import Progress, silent
 from usdsplat.formats import Capture, ReadOptions, WriteOptions
 from usdsplat.interchange import files
-from usdsplat.interchange.exporting import capture_of, export_capture
+from usdsplat.interchange.exporting import capture_of, export_stage
 from usdsplat.interchange.gathering import edit_capture, fitted, joined, turned, unit_ratio
+from usdsplat.interchange.options import StageReading
 from usdsplat.interchange.provenance import joined_bounds
 from usdsplat.interchange.reports import ExportReport, SequenceExportReport
 from usdsplat.interchange.sequence_exporting import write_frames
@@ -33,10 +34,8 @@ class ToCapture:
     axes: str | None
     """Axes of the target; None is the default of its format. Sources that do not state their axes
     are assumed to have customary ones: a guess is not written to a file."""
-    prim_path: str | None
-    """Prim to read from stages, see `export_capture`."""
-    time: float | None
-    """Time code at which stages are read, see `export_capture`."""
+    stages: StageReading
+    """What is read of stages."""
     reading: ReadOptions
     writing: WriteOptions
     progress: Progress = silent
@@ -82,16 +81,17 @@ class ToCapture:
 
     def of_stage(self, stage: Usd.Stage, target: Path, time: float) -> ExportReport:
         """Write the visible fields of a stage at a time, see `export_capture`."""
-        return export_capture(
+        report = export_stage(
             stage,
             target,
-            prim_path=self.prim_path,
-            time=time,
+            replace(self.stages, time=time),
             axes=self.axes,
             edits=self.edits,
             how=self.writing,
             progress=self.progress,
         )
+        assert isinstance(report, ExportReport)
+        return report
 
     def each_frame(
         self, source: Path, target: Path, frames: Sequence[float] | None
@@ -118,7 +118,5 @@ class ToCapture:
         if not files.is_usd(source):
             return formats.read(source, how=self.reading, progress=self.progress), []
         stage = files.open_stage(source)
-        capture, prims = capture_of(
-            stage, frame, prim_path=self.prim_path, time=self.time, progress=self.progress
-        )
-        return capture, [*composition_findings(stage), *unapplied(prims, self.time)]
+        capture, prims = capture_of(stage, frame, self.stages, progress=self.progress)
+        return capture, [*composition_findings(stage), *unapplied(prims, self.stages.time)]

@@ -17,7 +17,7 @@ from usdsplat.interchange import files
 from usdsplat.interchange.authoring import IN_USD_MEMORY
 from usdsplat.interchange.axes_choice import AUTO
 from usdsplat.interchange.capturing import ToCapture
-from usdsplat.interchange.exporting import export_capture, export_each
+from usdsplat.interchange.exporting import export_stage
 from usdsplat.interchange.gathering import reading_for
 from usdsplat.interchange.importing import import_capture
 from usdsplat.interchange.options import (
@@ -27,6 +27,7 @@ from usdsplat.interchange.options import (
     ExportOptions,
     ImportOptions,
     SequenceOptions,
+    StageReading,
 )
 from usdsplat.interchange.repacking import repack
 from usdsplat.interchange.reports import ExportReport, ImportReport, RepackReport, SplitReport
@@ -96,11 +97,11 @@ def convert(
     if files.is_usd(path):
         return import_capture(sources, path, edits=edits, options=options, progress=progress)
     axes = None if options.axes == AUTO else options.axes
+    stages_read = StageReading(prim_path=options.prim_path, time=export.time, trees=export.trees)
     work = ToCapture(
         edits=tuple(edits),
         axes=axes,
-        prim_path=options.prim_path,
-        time=export.time,
+        stages=stages_read,
         reading=reading,
         writing=export.writing,
         progress=progress,
@@ -116,11 +117,11 @@ def convert(
         return export_sequence(
             sources[0], path, frames=sequence.frames, export=work.of_stage, progress=progress
         )
-    return (export_each if export.split else export_capture)(
+    return export_stage(
         sources[0],
         path,
-        prim_path=options.prim_path,
-        time=export.time,
+        stages_read,
+        split=export.split,
         axes=axes,
         edits=edits,
         how=export.writing,

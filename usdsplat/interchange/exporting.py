@@ -20,11 +20,14 @@ from usdsplat.interchange import files
 from usdsplat.interchange.appearances import Appearance, appearances
 from usdsplat.interchange.gathering import edit_capture, fitted
 from usdsplat.interchange.models import FIELD
+from usdsplat.interchange.options import StageReading
 from usdsplat.interchange.placement import stage_frame
 from usdsplat.interchange.provenance import joined_bounds
 from usdsplat.interchange.reports import ExportReport, SplitReport
 from usdsplat.interchange.unapplied import unapplied
 from usdsplat.schema.composition import composition_findings
+
+EVERYTHING = StageReading()
 
 
 def export_capture(
@@ -42,7 +45,8 @@ def export_capture(
 
     Transforms are applied exactly, harmonics included. Lengths are converted to the unit of the
     format, such as metres for .glb; in formats without one they stay in the stage's. Grades and
-    crops are not applied; the report has a finding for each field with one.
+    crops are not applied; the report has a finding for each field with one. The leaves of splat
+    trees are written; see `export_stage` for coarser levels.
 
     Args:
         source: A USD file, or a stage, which is not modified.
@@ -61,16 +65,17 @@ def export_capture(
         UnknownFormatError: If the target's suffix cannot be written.
         OutputError: If the target cannot be written, or is a file of the source.
     """
-    path, stage = Path(target), _opened(source, target)
-    frame = axes or formats.frame_written(path)
-    unit = formats.unit_written(path)
-    capture, prims = capture_of(
-        stage, frame, meters_per_unit=unit, prim_path=prim_path, time=time, progress=progress
+    report = export_stage(
+        source,
+        target,
+        StageReading(prim_path=prim_path, time=time),
+        axes=axes,
+        edits=edits,
+        how=how,
+        progress=progress,
     )
-    capture = edit_capture(capture, edits, progress=progress)
-    report = _written(capture, prims, source, path, how, progress)
-    found = (*composition_findings(stage), *unapplied(prims, time))
-    return replace(report, findings=found)
+    assert isinstance(report, ExportReport)
+    return report
 
 
 def export_each(
@@ -92,16 +97,61 @@ def export_each(
 
     Args and errors are those of `export_capture`.
     """
+    report = export_stage(
+        source,
+        target,
+        StageReading(prim_path=prim_path, time=time),
+        split=True,
+        axes=axes,
+        edits=edits,
+        how=how,
+        progress=progress,
+    )
+    assert isinstance(report, SplitReport)
+    return report
+
+
+def export_stage(
+    source: Path | str | Usd.Stage,
+    target: Path | str,
+    reading: StageReading = EVERYTHING,
+    *,
+    split: bool = False,
+    axes: str | None = None,
+    edits: Sequence[Edit] = (),
+    how: WriteOptions = WRITE_OPTIONS,
+    progress: Progress = silent,
+) -> ExportReport | SplitReport:
+    """Write the fields of a stage, and its splat trees at a chosen level, as captures.
+
+    Args:
+        source: As for `export_capture`.
+        target: As for `export_capture`.
+        reading: What is read of the stage.
+        split: Whether to write a capture for each field, as `export_each` does.
+        axes, edits, how, progress: As for `export_capture`.
+
+    Raises:
+        UsdSplatError: As for `export_capture`.
+    """
     path, stage = Path(target), _opened(source, target)
     frame = axes or formats.frame_written(path)
     unit = formats.unit_written(path)
-    found, notes = appearances(stage, prim_path, time)
+    time = reading.time
+    if not split:
+        capture, prims = capture_of(stage, frame, reading, meters_per_unit=unit, progress=progress)
+        files.check_not_input(path, capture.files)
+        capture = edit_capture(capture, edits, progress=progress)
+        report = _written(capture, prims, source, path, how, progress)
+        remarks = (*composition_findings(stage), *unapplied(prims, time))
+        return replace(report, findings=remarks)
+    found, notes = appearances(stage, reading)
     parts = []
     with output_group():
         for item, name in zip(found, names([item.prim for item in found]), strict=True):
             beside = _named(path, name)
-            files.check_not_input(beside, files.layer_files(stage))
             capture = _capture([item], frame, unit, time, progress)
+            files.check_not_input(beside, capture.files)
             capture = edit_capture(capture, edits, progress=progress)
             parts.append(_written(capture, [item.prim], source, beside, how, progress))
     return SplitReport(
@@ -119,19 +169,18 @@ def export_each(
 def capture_of(
     stage: Usd.Stage,
     frame: str,
+    reading: StageReading = EVERYTHING,
     *,
     meters_per_unit: float | None = None,
-    prim_path: str | None = None,
-    time: float | None = None,
     progress: Progress = silent,
 ) -> tuple[Capture, list[Usd.Prim]]:
     """Read the visible fields of a stage as a capture with axes `frame`, and their prims.
 
-    Args and errors are those of `export_capture`; `meters_per_unit` is the unit of the capture,
-    None for the stage's.
+    Args and errors are those of `export_stage`; `meters_per_unit` is the unit of the capture, None
+    for the stage's.
     """
-    found, notes = appearances(stage, prim_path, time)
-    capture = _capture(found, frame, meters_per_unit, time, progress)
+    found, notes = appearances(stage, reading)
+    capture = _capture(found, frame, meters_per_unit, reading.time, progress)
     notes = [*notes, *capture.notes]
     return replace(capture, notes=tuple(notes)), [item.prim for item in found]
 
@@ -185,7 +234,8 @@ def _capture(
     progress.step("reading fields", len(found), len(found))
     cloud = clouds[0] if len(clouds) == 1 else edit.merge(clouds)
     spaces = sorted({schema.color_space(prim) for prim in prims})
-    modes = {schema.rasterize_mode(prim) for prim in prims}
+    modes = {item.rasterize_mode for item in found}
+    chunks = {Path(path) for item in found for path in item.chunk_files}
     notes = unknown_color_spaces(prims)
     if unit != own:
         said = "" if UsdGeom.StageHasAuthoredMetersPerUnit(stage) else ", USD's default,"
@@ -205,7 +255,7 @@ def _capture(
     return Capture(
         cloud=cloud,
         format="USD",
-        files=tuple(files.layer_files(stage)) or (Path(stage.GetRootLayer().identifier),),
+        files=(*(files.layer_files(stage) or (Path(stage.GetRootLayer().identifier),)), *chunks),
         frame=frame,
         meters_per_unit=unit,
         antialiased=modes == {"antialiased"},

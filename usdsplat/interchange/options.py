@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from usdsplat.formats import READ_OPTIONS, WRITE_OPTIONS, ReadOptions, WriteOptions
+from usdsplat.interchange.tree_reading import LEAVES, TreeChoice
 from usdsplat.schema import Form
 
 RATE = 24.0
@@ -65,6 +66,20 @@ class ExportOptions:
     """Whether to write each field to a separate capture, see `export_each`."""
     writing: WriteOptions = WRITE_OPTIONS
     """Options for writing the capture file, such as the SPZ version."""
+    trees: TreeChoice = LEAVES
+    """What to read of splat trees."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StageReading:
+    """Which splats of a stage are read for a capture."""
+
+    prim_path: str | None = None
+    """A field, or a prim with fields below it; None is the whole stage."""
+    time: float | None = None
+    """Time code, see `export_capture`."""
+    trees: TreeChoice = LEAVES
+    """What to read of splat trees."""
 
 
 IMPORT, SEQUENCE, EXPORT = ImportOptions(), SequenceOptions(), ExportOptions()

@@ -139,6 +139,8 @@ class Drawing:
             holding.enter_context(lock)
             try:
                 scenes = self._scenes.synced(state)
+                if _follow(state, scenes):
+                    scenes = self._scenes.synced(state)
             finally:
                 self._forget_closed()
             found = outlines(scenes[0].engine, state.selected)
@@ -291,6 +293,13 @@ def view_of(scene: Scene, size: tuple[int, int], scale: float) -> View:
         resolution=(width, height), conform="adjustPixelAspectRatio", pixel_scale=scale
     )
     return View(camera=replace(scene.camera, window=window), framing=framing)
+
+
+def _follow(state: ViewState, scenes: tuple[Scene, ...]) -> bool:
+    """Choose the items of LOD roots for the views; return whether this changed a scene."""
+    for scene in scenes:
+        scene.engine.sync(view_of(scene, state.size, 1.0))
+    return any(scene.engine.version != scene.version for scene in scenes)
 
 
 def _job(state: ViewState, scene: Scene, quality: Quality) -> _Job:

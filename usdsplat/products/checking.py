@@ -30,7 +30,12 @@ from usdsplat.products.preflight import findings_of, lens_findings
 from usdsplat.products.request import PicturePlan, RenderRequest
 from usdsplat.schema.composition import composition_findings
 from usdsplat.schema.proxy import points_of
-from usdsplat.schema.validation import sample_codes, splat_fields
+from usdsplat.schema.validation import (
+    sample_codes,
+    splat_fields,
+    splat_trees,
+    tree_findings,
+)
 from usdsplat.sim.stage.collections import find_simulations
 from usdsplat.sim.stage.validating import validate_simulations
 
@@ -40,7 +45,7 @@ MOST_TIMES = 1000
 ANY_FILE = "picture.exr"
 """File of a picture that the stage does not name."""
 
-CHECKED = ("fields", "points", "surfaces", "products", "simulations")
+CHECKED = ("fields", "trees", "points", "surfaces", "products", "simulations")
 """Of these, a stage should have at least one."""
 
 
@@ -82,7 +87,7 @@ def check_stage(
         progress.step("checking frames", len(times), len(times))
         looked_at = _looked_at(stage, engine, products=products, frames=len(times))
     if not any(looked_at[kind] for kind in CHECKED):
-        expected = "a splat field, points, a surface, a product or a simulation"
+        expected = "a splat field, a tree, points, a surface, a product or a simulation"
         findings.add(finding("nothing-checked", "/", "nothing to check", expected))
     return looked_at
 
@@ -90,6 +95,7 @@ def check_stage(
 def opening_findings(stage: Usd.Stage, time: float | None) -> Iterator[Finding]:
     """Yield what a stage asks for and does not get when it is opened at a time; None: its first."""
     yield from composition_findings(stage)
+    yield from tree_findings(stage)
     first = first_frame(stage, None) if time is None else time
     with Engine(stage, device="cpu", time=first) as engine:
         yield from engine.findings
@@ -100,7 +106,10 @@ def prim_findings(stage: Usd.Stage, time: float | None) -> list[Finding]:
     names and types, lights, members of crops. Values, materials and textures are not read."""
     code = Usd.TimeCode(first_frame(stage, None) if time is None else time)
     known = populate(stage)
-    found = [*known.findings, *findings_on_prims(known.others, code, frozenset(PURPOSES))]
+    found = [
+        *known.findings,
+        *findings_on_prims(known.others, code, frozenset(PURPOSES)),
+    ]
     for prim in known.lights.values():
         if UsdGeom.Imageable(prim).ComputeVisibility(code) != UsdGeom.Tokens.invisible:
             found += findings_on_light(prim)
@@ -196,6 +205,7 @@ def _looked_at(stage: Usd.Stage, engine: Engine, *, products: int, frames: int) 
         layers=len(stage.GetUsedLayers()),
         prims=len(prims),
         fields=len(fields),
+        trees=sum(1 for _ in splat_trees(stage)),
         points=len(points_of(prims)),
         samples=sum(len(sample_codes(prim)) for prim in fields),
         surfaces=len(engine.meshes()),

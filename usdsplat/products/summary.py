@@ -18,9 +18,10 @@ from usdsplat.interchange import provenance
 from usdsplat.interchange.axes_choice import choose_axes, with_axes
 from usdsplat.interchange.frame_guess import guess_frame
 from usdsplat.interchange.unapplied import is_cropped, is_graded
+from usdsplat.products.tree_summary import of_tree
 from usdsplat.schema.proxy import points_of
 from usdsplat.schema.stage_values import up_axis
-from usdsplat.schema.validation import splat_fields
+from usdsplat.schema.validation import splat_fields, splat_trees
 from usdsplat.sim.stage.provenance import well_typed
 
 PERCENTILES = (1, 25, 50, 75, 99)
@@ -65,7 +66,7 @@ def _guessed(capture: Capture) -> dict[str, Any]:
 def of_stage(
     stage: Usd.Stage, time: float | None, *, progress: Progress = silent
 ) -> dict[str, Any]:
-    """Describe a stage and every splat field on it.
+    """Describe a stage, and every splat field and tree on it.
 
     Args:
         stage: The stage; it is not changed.
@@ -80,18 +81,20 @@ def of_stage(
         described.append(_of_field(prim, time))
     progress.step("reading fields", len(fields), len(fields))
     prims = list(stage.Traverse(Usd.TraverseInstanceProxies()))
+    trees = [of_tree(prim, time) for prim in splat_trees(stage)]
     return {
         "up_axis": up_axis(stage),
         "axes": UP_AXIS_FRAME[up_axis(stage)],
         "meters_per_unit": UsdGeom.GetStageMetersPerUnit(stage),
         "frames": frames if stage.HasAuthoredTimeCodeRange() else None,
         "frames_per_second": stage.GetTimeCodesPerSecond(),
-        "splats": sum(entry.get("splats", 0) for entry in described),
+        "splats": sum(entry.get("splats", 0) for entry in (*described, *trees)),
         **_drawn(stage, time),
         "cameras": [str(prim.GetPath()) for prim in prims if prim.IsA(UsdGeom.Camera)],
         "points": [_of_points(prim, time) for prim in points_of(prims)],
         "products": [str(prim.GetPath()) for prim in prims if prim.IsA(UsdRender.Product)],
         "fields": described,
+        "trees": trees,
     }
 
 

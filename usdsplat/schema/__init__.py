@@ -1,4 +1,4 @@
-"""Read and write splat fields on USD stages: the stock type and our packed type.
+"""Read and write splat fields on USD stages: the stock type, our packed type, and splat trees.
 
 Importing this package registers our schemas with USD. Import it before the first stage is opened.
 The import never fails: `registration` describes what happens if it comes too late.
@@ -29,10 +29,19 @@ from usdsplat.schema.hints import (
     rasterize_mode,
     sorting_mode,
 )
+from usdsplat.schema.lod_roots import author_lod_root, is_lod_root, read_lod_root
 from usdsplat.schema.packing import harmonics_width
 from usdsplat.schema.proxy import place as place_proxy
 from usdsplat.schema.proxy import settle as settle_proxy
 from usdsplat.schema.tokens import DATA_ATTRIBUTES, GRADE_ATTRIBUTES, Form
+from usdsplat.schema.tree import (
+    Tree,
+    author_tree,
+    is_tree,
+    read_chunk,
+    read_packed_chunk,
+    read_tree,
+)
 from usdsplat.schema.validation import Finding, broken_rules, validate
 from usdsplat.schema.vt import empty
 
@@ -44,8 +53,11 @@ __all__ = [
     "DrawingHints",
     "Finding",
     "Form",
+    "Tree",
     "author",
     "author_grade",
+    "author_lod_root",
+    "author_tree",
     "broken_rules",
     "color_space",
     "compute_extent",
@@ -60,12 +72,18 @@ __all__ = [
     "has_grade",
     "is_grade_varying",
     "is_known_color_space",
+    "is_lod_root",
     "is_packed",
     "is_splat_field",
     "is_time_varying",
+    "is_tree",
     "place_proxy",
     "projection_mode",
     "rasterize_mode",
+    "read_chunk",
+    "read_lod_root",
+    "read_packed_chunk",
+    "read_tree",
     "sample_times",
     "settle_proxy",
     "sorting_mode",

@@ -11,6 +11,7 @@ from usdsplat.core.cloud import SplatCloud
 from usdsplat.core.errors import StageError, UsageError, UsdSplatError
 from usdsplat.schema import attributes, hints, packed, packing, proxy, registration, stock, tokens
 from usdsplat.schema.attributes import Time, set_array
+from usdsplat.schema.defining import author_color_space, author_fallback_type, define
 from usdsplat.schema.extent import compute_extent
 from usdsplat.schema.hints import DrawingHints
 from usdsplat.schema.tokens import Form
@@ -61,7 +62,7 @@ def author(
     else:
         prim = _author_stock(stage, path, cloud, form == "half", code)
     _author_identity(prim, cloud, code)
-    _author_color_space(prim, color_space)
+    author_color_space(prim, color_space)
     drawing.author(prim)
     return prim
 
@@ -161,7 +162,7 @@ def _author_stock(
     """Write arrays and extent in a stock form."""
     if half:
         stock.check_half(cloud)
-    prim = _define(stage, path, tokens.STOCK_TYPE)
+    prim = define(stage, path, tokens.STOCK_TYPE)
     stock.author(prim, cloud, half=half, code=code)
     proxy.remove(prim)
     prim.AddAppliedSchema(tokens.FIELD_API)
@@ -175,10 +176,10 @@ def _author_packed(
     """Write arrays, extent and proxy in the packed form."""
     registration.require(str(path))
     arrays = packing.pack(cloud)
-    prim = _define(stage, path, tokens.PACKED_TYPE)
+    prim = define(stage, path, tokens.PACKED_TYPE)
     packed.author(prim, cloud.positions, arrays, code=code)
     _author_proxy(prim, cloud, code)
-    _author_fallback_type(stage)
+    author_fallback_type(stage, tokens.PACKED_TYPE)
     _author_extent(prim, cloud, packed.SLACK, code)
     return prim
 
@@ -205,19 +206,6 @@ def _author_extent(prim: Usd.Prim, cloud: SplatCloud, slack: float, code: Usd.Ti
     set_array(prim, tokens.EXTENT, _Type.Float3Array, box, code)
 
 
-def _define(stage: Usd.Stage, path: str | Sdf.Path, type_name: str) -> Usd.Prim:
-    """Return the prim at `path` with that type, defined or retyped as needed."""
-    prim = stage.GetPrimAtPath(path)
-    if prim and (prim.IsInstanceProxy() or prim.IsInPrototype()):
-        raise StageError(str(path), "a prim inside an instance", "a prim that can be edited")
-    if not prim or not prim.IsDefined():
-        prim = stage.DefinePrim(path, type_name)
-    elif prim.GetTypeName() != type_name:
-        prim = stage.OverridePrim(path)
-        prim.SetTypeName(type_name)
-    return prim
-
-
 def _check_options(form: Form, color_space: str | None) -> None:
     """Raise an error for invalid options before anything is written."""
     if form not in get_args(Form):
@@ -240,14 +228,6 @@ def _check_degree(stage: Usd.Stage, path: Sdf.Path, cloud: SplatCloud, code: Usd
     raise StageError(f"{path} at {code.GetValue():g}", found, f"{written.default}, as before")
 
 
-def _author_fallback_type(stage: Usd.Stage) -> None:
-    """Author fallbackPrimTypes, so that applications without our schema see the base type."""
-    root = stage.GetEditTarget().GetLayer().pseudoRoot
-    known = dict(root.GetInfo("fallbackPrimTypes") or {})
-    known[tokens.PACKED_TYPE] = Vt.TokenArray([tokens.BASE_TYPE])
-    root.SetInfo("fallbackPrimTypes", known)
-
-
 def _author_identity(prim: Usd.Prim, cloud: SplatCloud, code: Usd.TimeCode) -> None:
     """Write ids and velocities, or remove those of an earlier cloud."""
     for name, kind, vt_kind, value in (
@@ -260,13 +240,3 @@ def _author_identity(prim: Usd.Prim, cloud: SplatCloud, code: Usd.TimeCode) -> N
             attributes.silence(prim, (name,))
         elif prim.GetAttribute(name).HasAuthoredValue():
             set_array(prim, name, kind, vt_kind(), code)
-
-
-def _author_color_space(prim: Usd.Prim, name: str | None) -> None:
-    """Write the given colour space, or the default if none is authored or inherited."""
-    if name is None:
-        if hints.written_color_space(prim):
-            return
-        name = tokens.DEFAULT_COLOR_SPACE
-    api = Usd.ColorSpaceAPI.Apply(prim)
-    api.CreateColorSpaceNameAttr(tokens.COLOR_SPACE_ALIASES.get(name, name))

@@ -23,7 +23,7 @@ from typing import Any
 from pxr import Sdf
 
 from usdsplat.schema.registration import VALIDATORS_NAME, plugin_folder, validators_folder
-from usdsplat.schema.validation import VALIDATORS
+from usdsplat.schema.validation import TREES, VALIDATORS
 
 SOURCES = (
     Path(__file__).with_name("schema.usda"),
@@ -31,6 +31,7 @@ SOURCES = (
 )
 """Schema sources; simulation.usda is itself generated from the simulation's parameters."""
 VALIDATED_TYPES = ["UsdVolParticleField3DGaussianSplat", "UsdSplatParticleFieldPackedSplat"]
+VALIDATED_TREES = ["UsdSplatParticleFieldSplatTree"]
 
 _BRIEF = "userDocBrief"
 _INSTANCE = "__INSTANCE_NAME__"
@@ -128,7 +129,11 @@ def _completed(text: str) -> str:
 def _validators() -> str:
     """Return plugInfo.json of the validators: a plug-in that imports our package."""
     validators = {
-        name: {"doc": text, "schemaTypes": VALIDATED_TYPES, "isTimeDependent": True}
+        name: {
+            "doc": text,
+            "schemaTypes": VALIDATED_TREES if name == TREES else VALIDATED_TYPES,
+            "isTimeDependent": True,
+        }
         for name, text in VALIDATORS.items()
     }
     plugin = {

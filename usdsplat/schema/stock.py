@@ -117,7 +117,7 @@ def fetch(prim: Usd.Prim, code: Usd.TimeCode, time: attributes.Time) -> SplatClo
     opacities = attributes.rows(_array(prim, tokens.OPACITIES, code), n)
     return SplatCloud(
         positions=positions,
-        rotations=_identities(n) if rotations is None else _unit(as_float32(rotations)),
+        rotations=_identities(n) if rotations is None else unit(as_float32(rotations)),
         scales=np.ones((n, 3), np.float32) if scales is None else as_float32(scales),
         opacities=np.ones(n, np.float32) if opacities is None else as_float32(opacities),
         sh=_harmonics(prim, code, n),
@@ -159,7 +159,7 @@ def _harmonics(prim: Usd.Prim, code: Usd.TimeCode, n: int) -> F32:
     return as_float32(flat.reshape(n, count, 3)[:, :kept])
 
 
-def _unit(rotations: F32) -> F32:
+def unit(rotations: F32) -> F32:
     """Return quaternions of length 1; the same array if they are already."""
     squared = np.einsum("ni,ni->n", rotations, rotations)
     if np.all(np.abs(squared - 1) <= _UNIT_TOLERANCE):

@@ -15,6 +15,7 @@ STOCK_TYPE = "ParticleField3DGaussianSplat"
 PRERELEASE_TYPE = "ParticleField_3DGaussianSplat"
 """Type name in drafts of the stock schema; files that use it are read."""
 PACKED_TYPE = "ParticleFieldPackedSplat"
+TREE_TYPE = "ParticleFieldSplatTree"
 BASE_TYPE = "ParticleField"
 FIELD_API = "SplatFieldAPI"
 SETTINGS_API = "SplatRenderSettingsAPI"
@@ -49,6 +50,20 @@ PACKED = "splat:packed"
 PACKED_HARMONICS = "splat:packedHarmonics"
 COLOR_RANGE = "splat:colorRange"
 HARMONICS_RANGE = "splat:harmonicsRange"
+
+NODE_LOW = "splat:nodeLow"
+NODE_HIGH = "splat:nodeHigh"
+NODE_ERRORS = "splat:nodeErrors"
+NODE_FIRST_CHILD = "splat:nodeFirstChild"
+NODE_CHILD_COUNT = "splat:nodeChildCount"
+NODE_CHUNK = "splat:nodeChunk"
+NODE_FIRST_ROW = "splat:nodeFirstRow"
+NODE_PROXIES = "splat:nodeProxies"
+NODE_RESIDENTS = "splat:nodeResidents"
+CHUNKS = "splat:chunks"
+LOD_PIXEL = "splat:lod:pixel"
+LOD_ROOT = "splat:lod:root"
+"""Relationship of a splat tree to the LOD root that stands for it in other renderers."""
 
 GRADE_EXPOSURE = "splat:grade:exposure"
 GRADE_TEMPERATURE = "splat:grade:temperature"
@@ -90,6 +105,21 @@ DATA_ATTRIBUTES = frozenset(
     {*HALF_OF, *HALF_OF.values(), *PACKED_ARRAYS, PACKING, SH_DEGREE, IDS, VELOCITIES}
 )
 """Attributes that determine the cloud returned by `fetch`."""
+
+NODE_COLUMNS = {
+    NODE_LOW: "low",
+    NODE_HIGH: "high",
+    NODE_ERRORS: "errors",
+    NODE_FIRST_CHILD: "first_child",
+    NODE_CHILD_COUNT: "child_count",
+    NODE_CHUNK: "chunk",
+    NODE_FIRST_ROW: "first_row",
+    NODE_PROXIES: "proxies",
+    NODE_RESIDENTS: "residents",
+}
+"""Attribute of a splat tree -> column of its `NodeTable`."""
+TREE_ATTRIBUTES = frozenset({*NODE_COLUMNS, CHUNKS, LOD_PIXEL, SH_DEGREE})
+"""Attributes that determine the tree returned by `read_tree`."""
 
 LONG_AGO = -1e6
 """Time of a sample before all frames, which holds the value before the first one [time code]. USD

@@ -23,6 +23,7 @@ Array = npt.NDArray[Any]
 
 _QUATERNIONS = (Vt.QuatfArray, Vt.QuathArray)
 _FROM_VT = [3, 0, 1, 2]
+ALL_ROWS = slice(None)
 _LENT: dict[tuple[type, int], Any] = {
     (np.float32, 1): Vt.FloatArray,
     (np.float32, 3): Vt.Vec3fArray,
@@ -91,13 +92,17 @@ def to_vt(array: Array, kind: type) -> Any:
     return result
 
 
-def from_vt(value: Any) -> Array:
+def from_vt(value: Any, rows: slice = ALL_ROWS) -> Array:
     """View a Vt array as a NumPy array, read-only; quaternions are reordered into a copy.
 
+    Args:
+        value: A Vt array.
+        rows: The rows to return; others are not touched.
+
     Returns:
-        The array with its own dtype; quaternions as (w, x, y, z), shape (n, 4), in a new array.
+        The rows with their own dtype; quaternions as (w, x, y, z), shape (n, 4), in a new array.
     """
-    array = np.asarray(value)
+    array = np.asarray(value)[rows]
     # array[:, _FROM_VT] would give column-major memory, which kernels would have to copy back.
     return np.take(array, _FROM_VT, axis=1) if isinstance(value, _QUATERNIONS) else array
 

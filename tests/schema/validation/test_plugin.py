@@ -14,7 +14,7 @@ from pxr import Usd, UsdValidation, Vt
 from tests.schema.clouds import cloud
 from usdsplat import schema
 from usdsplat.schema.registration import plugin_folder, validators_folder
-from usdsplat.schema.validation import CHECKS, VALIDATORS
+from usdsplat.schema.validation import CHECKS, TREES, VALIDATORS
 
 PREFIX = "usdsplat.schema.validation.plugin:"
 
@@ -31,7 +31,7 @@ def test_there_is_a_validator_for_each_group_of_checks() -> None:
     registry = UsdValidation.ValidationRegistry()
     listed = registry.GetValidatorMetadataForKeyword("usdsplat")
     assert {item.name for item in listed} == {PREFIX + name for name in VALIDATORS}
-    assert set(CHECKS) == set(VALIDATORS)
+    assert {*CHECKS, TREES} == set(VALIDATORS)
     assert all(item.isTimeDependent and item.doc for item in listed)
 
 

@@ -121,6 +121,25 @@ CODES: dict[str, Code] = {
     "no-meters-per-unit": Code(
         "warning", "the stage has no metersPerUnit", "author metersPerUnit in the root layer"
     ),
+    # --- splat trees ---
+    "broken-tree": Code(
+        "error",
+        "the table of a splat tree is not that of a tree",
+        "build the tree again",
+        "the tree is not drawn",
+    ),
+    "missing-chunk": Code(
+        "error",
+        "layers with the splats of a tree are missing",
+        "move the folder of the chunks back beside the stage of the tree, or build it again",
+        "coarser nodes are drawn in their place, or nothing",
+    ),
+    "broken-chunk": Code(
+        "error",
+        "a layer with the splats of a tree cannot be read, or does not fit its table",
+        "restore the layer, or build the tree again",
+        "coarser nodes are drawn in its place, or nothing",
+    ),
     # --- other files ---
     "not-converted": Code(
         "error",

@@ -51,6 +51,12 @@ CODES: dict[str, Code] = {
         "correct the values that the sentence names",
         "it is left out",
     ),
+    "bad-lod-root": Code(
+        "warning",
+        "an LOD root or its heuristic has a value of a wrong type",
+        "correct the attribute that the sentence names",
+        "all items of the root that are visible are drawn",
+    ),
     "bad-instancer": Code(
         "error",
         "a point instancer, or one of its prototypes, cannot be used",

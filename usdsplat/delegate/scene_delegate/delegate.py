@@ -26,6 +26,7 @@ from usdsplat.delegate.scene_delegate.fields import read_field
 from usdsplat.delegate.scene_delegate.geometry import Context
 from usdsplat.delegate.scene_delegate.instancers import read_instancer
 from usdsplat.delegate.scene_delegate.lights import read_light
+from usdsplat.delegate.scene_delegate.lod_items import LodItems
 from usdsplat.delegate.scene_delegate.meshes import MeshReader
 from usdsplat.delegate.scene_delegate.notices import Changes, NoticeListener
 from usdsplat.delegate.scene_delegate.points import is_points
@@ -41,7 +42,7 @@ from usdsplat.delegate.scene_delegate.unsupported import (
 )
 from usdsplat.delegate.scene_delegate.variability import varying_bits
 from usdsplat.delegate.stage_info import StageInfo
-from usdsplat.render.specs import CameraSpec, CropSpec, FieldSpec, LightSpec, MeshSpec
+from usdsplat.render.specs import CameraSpec, CropSpec, FieldSpec, LightSpec, MeshSpec, View
 from usdsplat.schema.stage_values import up_axis, up_axis_problem
 from usdsplat.schema.validation import errors_of_drawn
 
@@ -99,6 +100,7 @@ class UsdSceneDelegate:
         self._remarks: dict[tuple[str, str], tuple[Finding, ...]] = {}
         self._xforms = UsdGeom.XformCache(self._code)
         self._rate = stage.GetTimeCodesPerSecond()
+        self._lod = LodItems(stage)
         self._is_stale = True
         self._notices = NoticeListener(stage)
 
@@ -159,8 +161,11 @@ class UsdSceneDelegate:
 
     # --- changes -----------------------------------------------------------------------------
 
-    def apply_pending_updates(self) -> None:
-        """Bring the index's prims and their dirty bits up to date with the stage and the time."""
+    def apply_pending_updates(self, view: View | None = None) -> None:
+        """Bring the index's prims and their dirty bits up to date with the stage and the time.
+
+        Of LOD roots, the items that a view shows are drawn; None keeps those of the last view.
+        """
         changes = self._notices.take()
         self._is_stale |= changes.structural
         self._is_stale |= changes.inherited and bool(self.stage.GetPrototypes())
@@ -170,6 +175,10 @@ class UsdSceneDelegate:
             self._skeletons.clear()
         self._mark(changes)
         self._rate = rate
+        changed, stale = bool(changes), self._is_stale
+        if self._lod.choose(view, self._code, changed=changed, structural=stale):
+            self._is_stale = True
+            self._index.tracker.mark_all(DirtyBits.VISIBILITY)
         if self._is_stale:
             self._populate()
             self._is_stale = False
@@ -179,7 +188,7 @@ class UsdSceneDelegate:
         self._xforms = UsdGeom.XformCache(self._code)
 
     def _populate(self) -> None:
-        found = populate(self.stage)
+        found = populate(self.stage, self._lod.choice)
         reconcile(self._index, self._population, found)
         for path in self._population.meshes.keys() - found.meshes.keys():
             self._meshes.pop(path, None)  # meshes that were never visible have no reader
@@ -188,8 +197,8 @@ class UsdSceneDelegate:
         self._dependencies = Dependencies(found)
         self._varying.clear()
         self._readings.refresh()
-        self.problems = {key: why for key, why in self.problems.items() if _is_in(found, *key)}
-        self._remarks = {key: why for key, why in self._remarks.items() if _is_in(found, *key)}
+        self.problems = {key: why for key, why in self.problems.items() if found.has(*key)}
+        self._remarks = {key: why for key, why in self._remarks.items() if found.has(*key)}
 
     def _mark(self, changes: Changes) -> None:
         if changes.everything:
@@ -295,7 +304,7 @@ class UsdSceneDelegate:
         self.pulls["visible"] += 1
         return tuple(
             placing.purpose(appearance) in self._purposes
-            and placing.is_visible(appearance, self._code)
+            and placing.is_visible(appearance, self._code, self._lod.choice.shown)
             for appearance in self._appearances(path)
         )
 
@@ -362,23 +371,6 @@ class UsdSceneDelegate:
         if str(why) != str(before):
             LOG.warning("left out: %s", why)
         return unusable
-
-
-def _is_in(population: Population, path: str, kind: str) -> bool:
-    """Return whether the prim of a problem still exists with its kind."""
-    prims = {
-        "field": population.fields,
-        "crops": population.fields,
-        "values": population.fields,
-        "mesh": population.meshes,
-        "instancer": population.instancers,
-        "camera": population.cameras,
-        "lens": population.cameras,
-        "light": population.lights,
-    }
-    if kind == "transforms":
-        return path in population.fields or path in population.meshes
-    return path in prims[kind]
 
 
 def _itself(prim: Usd.Prim) -> Usd.Prim:

@@ -14,6 +14,7 @@ from pxr import Sdf, Tf, Usd
 
 from usdsplat.delegate.scene_delegate.bindings import BINDING
 from usdsplat.delegate.scene_delegate.names import DRAWING, KNOWN
+from usdsplat.schema.tokens import LOD_ROOT
 
 COLOR_SPACE = "colorSpace"
 ASSET_FIELDS = ("kind", "assetInfo")
@@ -93,7 +94,7 @@ class NoticeListener:
         self._changes.inherited |= new and path.name.startswith(INHERITED)
         regrouped = path.name == "prototypes" or path.name.startswith("collection:")
         misspelt = new and path.name.startswith(DRAWING) and path.name not in KNOWN
-        regrouped |= path.name.startswith(BINDING)
+        regrouped |= path.name.startswith(BINDING) or path.name == LOD_ROOT
         graded = new and path.name.startswith(GRADE)  # it may be a field's, or have no effect
         self._changes.structural |= (
             graded or regrouped or is_color_space(path.name) or colored or misspelt

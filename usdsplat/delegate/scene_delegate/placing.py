@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from pxr import Gf, Usd, UsdGeom
+from pxr import Gf, Sdf, Usd, UsdGeom
 
 from usdsplat.core.cloud import F64
 from usdsplat.delegate.scene_delegate.population import Appearance, Level
@@ -42,10 +42,13 @@ def _to_frame(level: Level, cache: UsdGeom.XformCache) -> Gf.Matrix4d:
     return local_to_ancestor(level.prim, level.root.GetParent(), cache)
 
 
-def is_visible(appearance: Appearance, time: Usd.TimeCode) -> bool:
-    """Return whether nothing hides an appearance."""
+def is_visible(
+    appearance: Appearance, time: Usd.TimeCode, shown: frozenset[Sdf.Path] = frozenset()
+) -> bool:
+    """Return whether nothing hides an appearance; `shown` are items of LOD roots, whose own
+    visibility is ignored."""
     prims = (prim for level in appearance.levels for prim in level.lineage())
-    return not any(_hides(prim, time) for prim in prims)
+    return not any(_hides(prim, time) and prim.GetPath() not in shown for prim in prims)
 
 
 def _hides(prim: Usd.Prim, time: Usd.TimeCode) -> bool:

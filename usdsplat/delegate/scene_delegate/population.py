@@ -16,7 +16,7 @@ from typing import Literal
 from pxr import Sdf, Usd, UsdGeom, UsdLux, UsdSkel
 
 from usdsplat import schema
-from usdsplat.core.findings import Finding, finding
+from usdsplat.core.findings import Finding, finding, from_error
 from usdsplat.delegate.instancing import Link, Placement
 from usdsplat.delegate.scene_delegate.matte_names import MatteNames
 from usdsplat.delegate.scene_delegate.names import (
@@ -29,6 +29,7 @@ from usdsplat.delegate.scene_delegate.notices import INHERITED
 from usdsplat.delegate.scene_delegate.points import is_points
 from usdsplat.delegate.scene_delegate.unsupported import why_not_drawn
 from usdsplat.delegate.scene_delegate.volumes import NO_CROP, Crop, find_crop, has_crop, lineage
+from usdsplat.schema.lod_roots import ItemChoice, item_choice
 from usdsplat.schema.validation.transforms import without_attribute
 
 Kind = Literal["field", "mesh", "instancer", "camera", "light", "other", ""]
@@ -129,6 +130,22 @@ class Population:
         yield from self.fields.items()
         yield from self.meshes.items()
 
+    def has(self, path: str, kind: str) -> bool:
+        """Return whether there is a prim at `path` that a problem of a kind can be about."""
+        if kind == "transforms":
+            return path in self.fields or path in self.meshes
+        prims = {
+            "field": self.fields,
+            "crops": self.fields,
+            "values": self.fields,
+            "mesh": self.meshes,
+            "instancer": self.instancers,
+            "camera": self.cameras,
+            "lens": self.cameras,
+            "light": self.lights,
+        }
+        return path in prims[kind]
+
     def above_fields(self) -> set[Sdf.Path]:
         """Return the paths of splat fields and of all prims above them, in prototypes too."""
         found: set[Sdf.Path] = set()
@@ -155,9 +172,15 @@ def source_of(prim: Usd.Prim) -> Usd.Prim:
     return prim.GetPrimInPrototype() if prim.IsInstanceProxy() else prim
 
 
-def populate(stage: Usd.Stage) -> Population:
-    """Find the prims of the whole stage."""
-    walk = _Walk(stage)
+def populate(stage: Usd.Stage, items: ItemChoice | None = None) -> Population:
+    """Find the prims of the whole stage.
+
+    Args:
+        stage: The stage.
+        items: The items of its LOD roots that are drawn; None for those that are drawn without
+            regard to a view.
+    """
+    walk = _Walk(stage, items or item_choice(stage, Usd.TimeCode.EarliestTime()))
     walk.scan(stage.GetPseudoRoot(), (), ())
     return walk.finish()
 
@@ -165,8 +188,9 @@ def populate(stage: Usd.Stage) -> Population:
 class _Walk:
     """The state of a traversal."""
 
-    def __init__(self, stage: Usd.Stage) -> None:
+    def __init__(self, stage: Usd.Stage, items: ItemChoice) -> None:
         self._stage = stage
+        self._hidden = items.hidden
         self._kinds: dict[str, Kind] = {}
         self._seen: dict[tuple[object, ...], list[Appearance]] = {}
         self._above: dict[Sdf.Path, tuple[Sdf.Path, ...]] = {}
@@ -174,13 +198,17 @@ class _Walk:
         self._checked: set[Sdf.Path] = set()
         self._names = MatteNames()
         self._inheritable: list[tuple[Usd.Prim, str]] = []
-        self._found = Population()
+        wrong = [from_error("bad-lod-root", problem) for problem in items.problems]
+        self._found = Population(findings=wrong)
 
     def scan(self, root: Usd.Prim, links: tuple[Link, ...], outer: tuple[Level, ...]) -> None:
         """Collect prims at and below `root`: the stage's, or the root of a prototype."""
         defined = not links or (root.IsDefined() and not root.IsAbstract())
         prims = iter(Usd.PrimRange(root, IN_WORLD if defined else IN_PROTOTYPE))
         for prim in prims:
+            if self._hidden and prim.GetPath() in self._hidden:
+                prims.PruneChildren()
+                continue
             self._check_names(prim)
             kind = self._kind(prim)
             if not kind:

@@ -18,8 +18,8 @@ from usdsplat.core.findings import Finding, finding
 OTHER_LIGHTS = (UsdLux.BoundableLightBase, UsdLux.NonboundableLightBase, UsdLux.PluginLight)
 """Types of lights; of these, only DistantLight is drawn."""
 
-OWN_TYPES = ("SplatSim",)
-"""Types of ours that USD may not know, and that are not drawn."""
+OWN_TYPES = ("SplatSim", "LODScreenSizeHeuristic", "LODDistanceHeuristic")
+"""Types that we write or read, that USD may not know, and that are not drawn."""
 
 TYPES = (
     "ParticleField3DGaussianSplat", "ParticleFieldPackedSplat", "Mesh", "Sphere", "Cube",

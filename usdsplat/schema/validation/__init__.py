@@ -20,25 +20,39 @@ from usdsplat.schema.field import is_splat_field
 from usdsplat.schema.validation import arrays, box, packing, radiance
 from usdsplat.schema.validation.finding import Sample
 from usdsplat.schema.validation.transforms import check_transforms
+from usdsplat.schema.validation.trees import (
+    check_tree,
+    missing_chunks,
+    splat_trees,
+    tree_findings,
+)
 
 __all__ = [
     "CHECKS",
+    "TREES",
     "VALIDATORS",
     "Finding",
     "broken_rules",
     "check_field",
+    "check_tree",
+    "missing_chunks",
     "splat_fields",
+    "splat_trees",
+    "tree_findings",
     "validate",
 ]
 
 Check = Callable[[Sample], Iterator[Finding]]
 
+TREES = "SplatTree"
+"""Validator of splat trees, which runs `check_tree`."""
 VALIDATORS = {
     "SplatArrays": "Arrays of splats have one length and legal, finite numbers.",
     "SplatRadiance": "Harmonics have a legal degree, matching counts, a named colour space and a "
     "legal grade.",
     "SplatExtent": "The extent holds every splat out to where it stops contributing.",
     "SplatPacking": "Packed arrays have a known layout and fit together.",
+    TREES: "Splat trees have a valid table of nodes, and all layers that it names.",
 }
 """Validator -> its documentation."""
 
@@ -61,7 +75,7 @@ CHECKS: dict[str, Sequence[Check]] = {
     "SplatExtent": (box.extent,),
     "SplatPacking": (packing.layout, packing.arrays, packing.ranges),
 }
-"""Validator -> its checks."""
+"""Validator of fields -> its checks."""
 
 _OF_FORM: Sequence[Check] = (
     arrays.scales,
@@ -85,7 +99,7 @@ _OF_DRAWN: Sequence[Check] = (
 def validate(
     stage: Usd.Stage, *, time: float | None = None, progress: Progress = silent
 ) -> list[Finding]:
-    """Check every splat field of a stage, and the transform ops of all prims.
+    """Check every splat field and tree of a stage, and the transform ops of all prims.
 
     Args:
         stage: The stage; it is not modified.
@@ -93,7 +107,7 @@ def validate(
         progress: Receives the number of checked fields.
 
     Returns:
-        Findings in the order of the fields, then those of transforms and of the stage; empty if
+        Findings in the order of the fields, then those of trees, transforms and the stage; empty if
         there are none. A fault that several samples of an attribute share is one finding, and so is
         one of a value that several fields inherit.
     """
@@ -105,8 +119,11 @@ def validate(
         codes = None if time is None else [Usd.TimeCode(time)]
         findings += check_field(prim, checks, codes)
     progress.step("validating", len(fields), len(fields))
+    trees = list(splat_trees(stage))
+    for prim in trees:
+        findings += check_tree(prim)
     findings += check_transforms(stage)
-    findings += _stage_metadata(stage) if fields else ()
+    findings += _stage_metadata(stage) if fields or trees else ()
     once: dict[tuple[str, ...], Finding] = {}
     for each in findings:
         once.setdefault(each.key, each)

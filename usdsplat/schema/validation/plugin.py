@@ -13,7 +13,15 @@ from pxr import Usd, UsdValidation
 
 from usdsplat.core.findings import Finding
 from usdsplat.schema.field import is_splat_field
-from usdsplat.schema.validation import CHECKS, check_field, sample_codes
+from usdsplat.schema.tree import is_tree
+from usdsplat.schema.validation import (
+    CHECKS,
+    TREES,
+    VALIDATORS,
+    check_field,
+    check_tree,
+    sample_codes,
+)
 
 _TYPES = {
     "error": UsdValidation.ValidationErrorType.Error,
@@ -47,6 +55,13 @@ def _validator(group: str) -> Callable[..., list[UsdValidation.ValidationError]]
     return run
 
 
+def _of_trees(
+    prim: Usd.Prim, time_range: UsdValidation.ValidationTimeRange
+) -> list[UsdValidation.ValidationError]:
+    """Return the errors of a splat tree, which does not change over time."""
+    return [_error(prim, each) for each in check_tree(prim)] if is_tree(prim) else []
+
+
 def _camel(code: str) -> str:
     """Return a code as the name of a UsdValidation error, which must be an identifier."""
     first, *rest = code.split("-")
@@ -65,7 +80,7 @@ def _error(prim: Usd.Prim, finding: Finding) -> UsdValidation.ValidationError:
     return UsdValidation.ValidationError(name, kind, [site], message)
 
 
-for _group in CHECKS:
+for _group in VALIDATORS:
     UsdValidation.ValidationRegistry().RegisterPluginPrimValidator(
-        f"{__name__}:{_group}", _validator(_group)
+        f"{__name__}:{_group}", _of_trees if _group == TREES else _validator(_group)
     )

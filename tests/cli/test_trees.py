@@ -1,0 +1,117 @@
+"""Tests of splat trees on the command line."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from pxr import Sdf, Vt
+
+from tests.schema.clouds import cloud
+from tests.trees import changed, little_tree
+from usdsplat import formats
+from usdsplat.cli.main import main
+
+
+@pytest.fixture
+def tree(tmp_path: Path) -> Path:
+    """A stage with a tree of 200 splats."""
+    return little_tree(tmp_path, cloud(n=200, degree=1))
+
+
+def test_info_prints_a_line_for_each_level(tree: Path, capsys: pytest.CaptureFixture) -> None:
+    """Oracle: counts by hand: 199 in leaves and a resident, a quarter, and a quarter of that."""
+    assert main(["info", str(tree)]) == 0
+    lines = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
+    assert "levels level 0 nodes 4 splats 200 error 0" in lines
+    assert "levels level 1 nodes 2 splats 51 error 0.1" in lines
+    assert "levels level 2 nodes 1 splats 14 error 0.2" in lines
+    assert "chunks 3" in lines and "splats 200" in lines
+
+
+def test_a_moved_folder_is_one_sentence_of_each_command(
+    tree: Path, capsys: pytest.CaptureFixture
+) -> None:
+    """Oracle: a folder that was moved; the sentence names it."""
+    (tree.parent / "tree_chunks").rename(tree.parent / "old")
+    said = "found none of 3 chunks, without 0000.usdc in ./tree_chunks, expected the layers"
+    assert main(["validate", str(tree)]) == 1
+    out = capsys.readouterr().out
+    assert out.count("[missing-chunk]") == 1 and said in out
+    assert main(["info", str(tree)]) == 0
+    printed = capsys.readouterr()
+    assert printed.err.count("[missing-chunk]") == 1 and said in printed.err
+    assert "chunks missing     3" in printed.out
+
+
+def test_a_broken_table_has_the_same_code_everywhere(
+    tree: Path, capsys: pytest.CaptureFixture
+) -> None:
+    """Oracle: cyclic children."""
+    changed(tree, "splat:nodeFirstChild", Vt.IntArray([1, 0, 5, 0, 0, 0, 0]))
+    said = "found node 1 with wrong children, expected nodes breadth first"
+    assert main(["validate", str(tree)]) == 1
+    out = capsys.readouterr().out
+    assert out.count("[broken-tree]") == 1 and said in out
+    assert main(["info", str(tree)]) == 0
+    printed = capsys.readouterr()
+    assert printed.err.count("[broken-tree]") == 1 and said in printed.err
+    assert said in printed.out
+
+
+def test_validate_counts_trees(tree: Path, capsys: pytest.CaptureFixture) -> None:
+    """Oracle: one tree, and no finding about it."""
+    assert main(["validate", str(tree), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["looked_at"]["trees"] == 1
+    assert not [each for each in told["findings"] if "tree" in each["code"]]
+
+
+def test_a_bomb_in_a_stage_is_one_finding(tree: Path, capsys: pytest.CaptureFixture) -> None:
+    """Oracle: the length of the array that was authored, in a file of 100 kB."""
+    crate = tree.with_suffix(".usdc")
+    Sdf.Layer.FindOrOpen(str(tree)).Export(str(crate))
+    changed(crate, "splat:nodeResidents", Vt.Int64Array(20_000_000))
+    assert crate.stat().st_size < 100_000
+    assert main(["validate", str(crate)]) == 1
+    assert "found an array of 20000000 numbers" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("flags", "splats"), [([], 200), (["--lod", "1"], 51), (["--max-splats", "20"], 14)]
+)
+def test_convert_writes_a_level_or_a_number_of_splats(
+    tree: Path, tmp_path: Path, capsys: pytest.CaptureFixture, flags: list[str], splats: int
+) -> None:
+    """Oracle: the counts of the levels, and the file read back."""
+    assert main(["convert", str(tree), str(tmp_path / "out.ply"), "--json", *flags]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["splats"] == splats == len(formats.read(tmp_path / "out.ply").cloud)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--max-splats", "0"], "--max-splats: found 0, expected at least 1"),
+        (["--lod", "-1"], "--lod: found -1, expected a level"),
+        (["--lod", "3"], "level of detail: found level 3, expected 0 to 2"),
+        (["--lod", "1", "--max-splats", "9"], "found --lod and --max-splats, expected one of them"),
+    ],
+)
+def test_invalid_levels_are_one_sentence(
+    tree: Path, tmp_path: Path, capsys: pytest.CaptureFixture, words: list[str], said: str
+) -> None:
+    """Oracle: the contract of errors; nothing is written."""
+    assert main(["convert", str(tree), str(tmp_path / "out.ply"), *words]) == 2
+    assert said in capsys.readouterr().err
+    assert not (tmp_path / "out.ply").exists()
+
+
+def test_max_splats_needs_a_stage(
+    tmp_path: Path, capture: Path, capsys: pytest.CaptureFixture
+) -> None:
+    """Oracle: the flags that have no effect."""
+    words = ["convert", str(capture), str(tmp_path / "out.spz"), "--max-splats", "9"]
+    assert main(words) == 2
+    assert "--max-splats: found it with a capture that becomes a capture" in capsys.readouterr().err

@@ -1,0 +1,111 @@
+"""Cuts of a splat tree that depend on no view: a level of detail, or a number of splats."""
+
+from __future__ import annotations
+
+import heapq
+from dataclasses import dataclass
+
+import numpy as np
+
+from usdsplat.core.cloud import I32, I64
+from usdsplat.core.node_table import NodeTable
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class NodeCut:
+    """Nodes that stand for a whole tree: each leaf is below or equal to exactly one of them."""
+
+    nodes: I64
+    """Nodes whose proxies are drawn, ascending, shape (k,)."""
+    above: I64
+    """Nodes that are refined, of which only the residents are drawn, ascending."""
+
+    def rows(self, table: NodeTable) -> list[tuple[int, int, int]]:
+        """Return what to read, as (chunk, first row, number of rows), in the order of chunks."""
+        whole = self.nodes
+        count = table.proxies[whole] + table.residents[whole]
+        first = table.first_row[self.above] + table.proxies[self.above]
+        found = np.stack(
+            [
+                np.r_[table.chunk[whole], table.chunk[self.above]].astype(np.int64),
+                np.r_[table.first_row[whole], first],
+                np.r_[count, table.residents[self.above]],
+            ],
+            axis=1,
+        )
+        found = found[found[:, 2] > 0]
+        order = np.lexsort((found[:, 1], found[:, 0]))
+        return [(chunk, first, count) for chunk, first, count in found[order].tolist()]
+
+    def splats(self, table: NodeTable) -> int:
+        """Return the number of splats that are drawn."""
+        proxies = table.proxies[self.nodes].sum() + table.residents[self.nodes].sum()
+        return int(proxies + table.residents[self.above].sum())
+
+
+def heights(table: NodeTable) -> I32:
+    """Return the largest number of levels below each node, shape (n,); 0 for a leaf."""
+    parents, found = table.parents().tolist(), [0] * len(table)
+    for node in range(len(table) - 1, 0, -1):  # a child comes after its parent
+        above = parents[node]
+        found[above] = max(found[above], found[node] + 1)
+    return np.array(found, np.int32)
+
+
+def level_cut(table: NodeTable, level: int) -> NodeCut:
+    """Return the cut at a level: the topmost nodes with at most `level` levels below them.
+
+    Args:
+        table: A valid table.
+        level: 0 for the leaves. Levels above the root's give the root.
+    """
+    stops = (heights(table) <= level) & np.isfinite(table.errors)
+    stops |= table.child_count == 0
+    return _first(table, stops)
+
+
+def budget_cut(table: NodeTable, most: int) -> NodeCut:
+    """Return the cut of at most `most` splats that refines the nodes of the largest errors first.
+
+    Nodes without proxies are always refined, and a node whose children do not fit is not. If there
+    is no cut with so few splats, the coarsest is returned.
+
+    Args:
+        table: A valid table.
+        most: Number of splats.
+    """
+    refined = ~np.isfinite(table.errors)
+    coarse = _first(table, ~refined)
+    total = coarse.splats(table)
+    waiting = [(-float(table.errors[node]), int(node)) for node in coarse.nodes]
+    heapq.heapify(waiting)
+    while waiting:
+        _, node = heapq.heappop(waiting)
+        first, count = int(table.first_child[node]), int(table.child_count[node])
+        if not count:
+            continue
+        children = _first(table, ~refined, range(first, first + count))
+        more = children.splats(table) - int(table.proxies[node])
+        if total + more > most:
+            continue
+        total += more
+        refined[node] = True
+        for child in children.nodes.tolist():
+            heapq.heappush(waiting, (-float(table.errors[child]), child))
+    return _first(table, ~refined)
+
+
+def _first(table: NodeTable, stops: np.ndarray, roots: range = range(1)) -> NodeCut:
+    """Return the cut at the first node with `stops` on each way from the roots down."""
+    nodes: list[int] = []
+    above: list[int] = []
+    waiting = list(roots)
+    for node in waiting:
+        count = int(table.child_count[node])
+        if stops[node] or not count:
+            nodes.append(node)
+            continue
+        above.append(node)
+        first = int(table.first_child[node])
+        waiting.extend(range(first, first + count))
+    return NodeCut(nodes=np.array(sorted(nodes), np.int64), above=np.array(sorted(above), np.int64))

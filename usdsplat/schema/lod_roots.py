@@ -1,0 +1,397 @@
+"""Read and write LOD roots: prims with USD's LODRootAPI, whose children are levels of detail.
+
+The schemas of UsdLod are read and written by name, so they need not be in USD's registry. Items of
+a root are its children in order, which UsdLod's own API does not list in Python.
+
+We choose as follows. An override of `LODOverrideAPI` at the root, or at the nearest ancestor with
+one, decides: no item, all, or one by index. Otherwise the first heuristic of domain `imaging` whose
+type we know chooses by screen size or by distance. Otherwise `lod:default:index` does. Between two
+items, where a heuristic may blend, we draw the nearer one. An item that is chosen is drawn even if
+it is invisible itself: in files for renderers without UsdLod, all items but one are.
+
+Source: `pxr/usd/usdLod/schema.usda` of OpenUSD 26.11.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal, cast
+
+import numpy as np
+from pxr import Sdf, Usd, UsdGeom
+
+from usdsplat.core.cloud import F64, SplatCloud
+from usdsplat.core.errors import StageError, UsageError
+from usdsplat.core.lod_heuristics import LodHeuristic, LodView, Metric, nearest_index
+from usdsplat.schema import tokens
+from usdsplat.schema.extent import compute_extent
+from usdsplat.schema.field import author
+from usdsplat.schema.hints import DrawingHints
+from usdsplat.schema.stage_values import local_to_world
+from usdsplat.schema.values import vectors
+from usdsplat.schema.vt import to_vt
+
+Mode = Literal["noOverride", "indexedLOD", "noLOD", "allLOD"]
+
+ROOT_API, OVERRIDE_API = "LODRootAPI", "LODOverrideAPI"
+SCREEN_SIZE, DISTANCE = "LODScreenSizeHeuristic", "LODDistanceHeuristic"
+IMAGING = "imaging"
+DEFAULT_INDEX, HEURISTICS = "lod:default:index", "lod:heuristics"
+
+_MODES = ("noOverride", "indexedLOD", "noLOD", "allLOD")
+_MOST_LEVELS = 64
+"""Above the number of levels of any tree."""
+_IN_WORLD = Usd.TraverseInstanceProxies()
+_Type = Sdf.ValueTypeNames
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LodRoot:
+    """An LOD root as read from a stage."""
+
+    path: str
+    items: tuple[str, ...]
+    """Paths of the items, the finest first by custom."""
+    default: int
+    """Index of the item without a heuristic, in the range of the items."""
+    mode: Mode
+    """Override that acts on the root."""
+    index: float
+    """Index of the override `indexedLOD`."""
+    heuristic: LodHeuristic | None
+
+    def shown(self, view: LodView | None = None, to_world: F64 | None = None) -> tuple[str, ...]:
+        """Return the paths of the items to draw.
+
+        Args:
+            view: The view; None for the choice that depends on none.
+            to_world: Matrix from the space of the root to the world, for column vectors; None for
+                the identity.
+        """
+        if self.mode == "allLOD":
+            return self.items
+        if self.mode == "noLOD" or not self.items:
+            return ()
+        level: float = self.default
+        if self.mode == "indexedLOD":
+            level = self.index
+        elif self.heuristic is not None and view is not None:
+            level = self.heuristic.level(view, np.eye(4) if to_world is None else to_world)
+        return (self.items[nearest_index(level, len(self.items))],)
+
+
+def is_lod_root(prim: Usd.Prim) -> bool:
+    """Return whether a prim has LODRootAPI, whether USD knows it or not."""
+    return bool(prim) and _has_api(prim, ROOT_API)
+
+
+def read_lod_root(prim: Usd.Prim, time: Usd.TimeCode) -> LodRoot:
+    """Read an LOD root, its override and its first heuristic that we know.
+
+    Raises:
+        StageError: If the prim is no LOD root, or an attribute has a value of another type than the
+            schema's.
+    """
+    if not is_lod_root(prim):
+        raise StageError(str(prim.GetPath()) if prim else "prim", f"no {ROOT_API}", "an LOD root")
+    items = tuple(str(child.GetPath()) for child in prim.GetFilteredChildren(_IN_WORLD))
+    default = _number(prim, DEFAULT_INDEX, time, 0.0)
+    mode, index = _override(prim, time)
+    return LodRoot(
+        path=str(prim.GetPath()),
+        items=items,
+        default=nearest_index(default, max(1, len(items))),
+        mode=mode,
+        index=index,
+        heuristic=_heuristic(prim, time),
+    )
+
+
+def shown_item(
+    prim: Usd.Prim, time: Usd.TimeCode, view: LodView | None = None, to_world: F64 | None = None
+) -> tuple[str, ...]:
+    """Return the paths of the items of an LOD root that are drawn, see `LodRoot.shown`.
+
+    Raises:
+        StageError: As `read_lod_root`.
+    """
+    return read_lod_root(prim, time).shown(view, to_world)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ItemChoice:
+    """Which items of the LOD roots of a stage are drawn."""
+
+    shown: frozenset[Sdf.Path]
+    """Items that are drawn even if they are invisible themselves."""
+    hidden: frozenset[Sdf.Path]
+    """Items that are not drawn."""
+    problems: tuple[StageError, ...]
+    """Roots that cannot be read; their items are drawn as the rest of the stage."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LodRoots:
+    """The LOD roots of a stage."""
+
+    prims: tuple[Usd.Prim, ...]
+    replaced: frozenset[Sdf.Path]
+    """Roots that a splat tree names, which is drawn instead of their items."""
+
+
+def find_roots(stage: Usd.Stage) -> LodRoots:
+    """Find the LOD roots of a stage, in every instance."""
+    prims: list[Usd.Prim] = []
+    replaced: set[Sdf.Path] = set()
+    for prim in Usd.PrimRange.Stage(stage, _IN_WORLD):
+        info = prim.GetPrimTypeInfo()  # the fastest way to both names
+        if ROOT_API in info.GetAppliedAPISchemas():
+            prims.append(prim)
+        elif info.GetTypeName() == tokens.TREE_TYPE:
+            replaced.update(prim.GetRelationship(tokens.LOD_ROOT).GetForwardedTargets())
+    return LodRoots(prims=tuple(prims), replaced=frozenset(replaced))
+
+
+def choose_items(roots: LodRoots, time: Usd.TimeCode, view: LodView | None = None) -> ItemChoice:
+    """Choose the items of LOD roots.
+
+    Args:
+        roots: The roots, on a stage that has not changed since.
+        time: Time at which overrides, heuristics and transforms are read.
+        view: The view; None for the choice that depends on none. Roots below point instancers are
+            chosen without it, because each instance would have another size.
+    """
+    shown: set[Sdf.Path] = set()
+    hidden: set[Sdf.Path] = set()
+    problems: list[StageError] = []
+    places = UsdGeom.XformCache(time)
+    for prim in roots.prims:
+        children = {child.GetPath() for child in prim.GetFilteredChildren(_IN_WORLD)}
+        if prim.GetPath() in roots.replaced:
+            hidden |= children
+            continue
+        try:
+            root = read_lod_root(prim, time)
+            own = None if root.heuristic is None or _is_scattered(prim) else view
+            to_world = np.array(local_to_world(prim, places)).T if own else None
+            chosen = {Sdf.Path(path) for path in root.shown(own, to_world)}
+        except StageError as error:
+            problems.append(error)
+            continue
+        shown |= chosen
+        hidden |= children - chosen
+    return ItemChoice(shown=frozenset(shown), hidden=frozenset(hidden), problems=tuple(problems))
+
+
+def item_choice(stage: Usd.Stage, time: Usd.TimeCode) -> ItemChoice:
+    """Choose the items of all LOD roots of a stage without regard to a view."""
+    return choose_items(find_roots(stage), time)
+
+
+def tree_level(prim: Usd.Prim, time: Usd.TimeCode) -> int | None:
+    """Return the level of a splat tree that an override demands; None if views choose.
+
+    The override is that of the LOD root that the tree names, or else of the tree: `indexedLOD` is a
+    level of the tree, 0 the leaves; `allLOD` and `noLOD` are the leaves, because a tree is no item.
+
+    Args:
+        prim: The tree.
+        time: Time of the override.
+
+    Raises:
+        StageError: If the index has another type than the schema's.
+    """
+    targets = prim.GetRelationship(tokens.LOD_ROOT).GetForwardedTargets()
+    root = prim.GetStage().GetPrimAtPath(targets[0]) if targets else None
+    mode, index = _override(root or prim, time)
+    if mode == "noOverride":
+        return None
+    return nearest_index(index, _MOST_LEVELS) if mode == "indexedLOD" else 0
+
+
+def author_lod_root(
+    stage: Usd.Stage,
+    path: str | Sdf.Path,
+    fields: Sequence[SplatCloud],
+    *,
+    thresholds: Sequence[float],
+    default: int = 0,
+    drawing: DrawingHints,
+    color_space: str | None = None,
+    tree: Usd.Prim | None = None,
+) -> Usd.Prim:
+    """Write coarse stock fields as items of an LOD root, for renderers without our types.
+
+    The default item is visible, the others are not, because renderers without UsdLod draw every
+    visible child. The heuristic is beside the root, as `NAME_heuristic`: children are items.
+
+    Args:
+        stage: The stage; its edit target is written.
+        path: Absolute path of the root.
+        fields: The items, the finest first.
+        thresholds: For each item but the last, the fraction of the picture's area above which it is
+            drawn, descending.
+        default: Index of the item that is visible.
+        drawing: Rendering hints of all fields.
+        color_space: Colour space of all fields, see `author`.
+        tree: A splat tree, which we draw instead of the items; it must not be below the root.
+
+    Returns:
+        The root.
+
+    Raises:
+        UsageError: If there is no field, thresholds do not fit, or the tree is below the root.
+        StageError: If a prim cannot be written.
+    """
+    root_path = Sdf.Path(str(path))
+    _check(root_path, fields, thresholds, default, tree)
+    root = UsdGeom.Xform.Define(stage, root_path).GetPrim()
+    root.AddAppliedSchema(ROOT_API)
+    for number, cloud in enumerate(fields):
+        item = root_path.AppendChild(f"lod{number}")
+        prim = author(stage, item, cloud, drawing=drawing, color_space=color_space)
+        own = UsdGeom.Imageable(prim).CreateVisibilityAttr()
+        own.Set(UsdGeom.Tokens.inherited if number == default else UsdGeom.Tokens.invisible)
+    root.CreateAttribute(DEFAULT_INDEX, _Type.Int, custom=False).Set(default)
+    beside = root_path.ReplaceName(f"{root_path.name}_heuristic")
+    heuristic = stage.DefinePrim(beside, SCREEN_SIZE)
+    boxes = np.stack([compute_extent(cloud) for cloud in fields])
+    box = np.stack([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])
+    for name, kind, uniform, value in (
+        ("lod:domain", _Type.Token, True, IMAGING),
+        ("extent", _Type.Float3Array, False, to_vt(box, _Type.Float3Array.type.pythonClass)),
+        ("projectionMethod", _Type.Token, True, "projectedSphere"),
+        ("thresholds", _Type.FloatArray, True, list(map(float, thresholds))),
+    ):
+        variability = Sdf.VariabilityUniform if uniform else Sdf.VariabilityVarying
+        attribute = heuristic.CreateAttribute(name, kind, custom=False, variability=variability)
+        attribute.Set(value)
+    root.CreateRelationship(HEURISTICS, custom=False).SetTargets([beside])
+    if tree is not None:
+        tree.CreateRelationship(tokens.LOD_ROOT, custom=False).SetTargets([root_path])
+    return root
+
+
+def _check(
+    root: Sdf.Path,
+    fields: Sequence[SplatCloud],
+    thresholds: Sequence[float],
+    default: int,
+    tree: Usd.Prim | None,
+) -> None:
+    """Raise an error for arguments of `author_lod_root` that do not fit, before it writes."""
+    if not fields:
+        raise UsageError("fields", "none", "at least one")
+    if len(thresholds) != len(fields) - 1 or any(
+        not 0 < low < high for high, low in zip((math.inf, *thresholds), thresholds, strict=False)
+    ):
+        expected = f"{len(fields) - 1} descending fractions above 0"
+        raise UsageError("thresholds", str(list(thresholds)), expected)
+    if not 0 <= default < len(fields):
+        raise UsageError("default", str(default), f"0 to {len(fields) - 1}")
+    if tree is not None and tree.GetPath().HasPrefix(root):
+        raise UsageError("tree", f"{tree.GetPath()}, below the root", "a prim beside it")
+
+
+def _has_api(prim: Usd.Prim, name: str) -> bool:
+    """Return whether an API schema is applied, whether USD knows it or not."""
+    return name in prim.GetPrimTypeInfo().GetAppliedAPISchemas()
+
+
+def _is_scattered(prim: Usd.Prim) -> bool:
+    """Return whether a prim is below a point instancer."""
+    while prim and not prim.IsPseudoRoot():
+        if prim.IsA(UsdGeom.PointInstancer):
+            return True
+        prim = prim.GetParent()
+    return False
+
+
+def _override(prim: Usd.Prim, time: Usd.TimeCode) -> tuple[Mode, float]:
+    """Return the override that acts on a root, and its index."""
+    while prim and not prim.IsPseudoRoot():
+        if _has_api(prim, OVERRIDE_API):
+            attribute = prim.GetAttribute("lod:override:mode")
+            mode = attribute.Get(time) if attribute and attribute.HasAuthoredValue() else None
+            if mode in _MODES:
+                return cast(Mode, str(mode)), _number(prim, "lod:override:index", time, 0.0)
+        prim = prim.GetParent()
+    return "noOverride", 0.0
+
+
+def _heuristic(prim: Usd.Prim, time: Usd.TimeCode) -> LodHeuristic | None:
+    """Return the first heuristic of a root that we know."""
+    relationship = prim.GetRelationship(HEURISTICS)
+    stage = prim.GetStage()
+    for target in relationship.GetForwardedTargets() if relationship else ():
+        found = stage.GetPrimAtPath(target)
+        kind = str(found.GetTypeName()) if found else ""
+        domain = found.GetAttribute("lod:domain").Get() if kind in (SCREEN_SIZE, DISTANCE) else None
+        if domain == IMAGING:
+            return _read_heuristic(found, kind, time)
+    return None
+
+
+def _read_heuristic(prim: Usd.Prim, kind: str, time: Usd.TimeCode) -> LodHeuristic:
+    box = _box(prim, time)
+    if kind == DISTANCE and box is None:
+        found = _value(prim, "center", time)
+        centre = np.zeros(3) if found is None else _vector(prim, "center", found)
+        box = np.stack([centre, centre])
+    if box is None:
+        box = np.array([[-1.0] * 3, [1.0] * 3])
+    low, high = (tuple(map(float, corner)) for corner in box)
+    return LodHeuristic(
+        metric=_metric(prim, kind, time),
+        low=cast(tuple[float, float, float], low),
+        high=cast(tuple[float, float, float], high),
+        thresholds=_numbers(prim, "thresholds", time),
+        blend_thresholds=_numbers(prim, "blendThresholds", time),
+    )
+
+
+def _metric(prim: Usd.Prim, kind: str, time: Usd.TimeCode) -> Metric:
+    """Return what a heuristic measures; an unknown method counts as a box, as in UsdLod."""
+    if kind == DISTANCE:
+        return "distance"
+    method = _value(prim, "projectionMethod", time)
+    return "sphere" if method in (None, "projectedSphere") else "box"
+
+
+def _box(prim: Usd.Prim, time: Usd.TimeCode) -> F64 | None:
+    """Return the box of a heuristic: that of its bounding volume, else its own; or None."""
+    relationship = prim.GetRelationship("boundingVolume")
+    targets = relationship.GetForwardedTargets() if relationship else ()
+    places = [prim.GetStage().GetPrimAtPath(target) for target in targets]
+    for each in (*filter(None, places), prim):
+        found = _value(each, tokens.EXTENT, time)
+        corners = None if found is None else vectors(f"{each.GetPath()}.extent", found, 3)
+        if corners is not None and len(corners) == 2 and (corners[0] <= corners[1]).all():
+            return corners.astype(np.float64)
+    return None
+
+
+def _value(prim: Usd.Prim, name: str, time: Usd.TimeCode) -> Any:
+    attribute = prim.GetAttribute(name)
+    return attribute.Get(time) if attribute else None
+
+
+def _vector(prim: Usd.Prim, name: str, found: Any) -> F64:
+    vector = vectors(f"{prim.GetPath()}.{name}", [found], 3)
+    return vector[0].astype(np.float64)
+
+
+def _numbers(prim: Usd.Prim, name: str, time: Usd.TimeCode) -> tuple[float, ...]:
+    found = vectors(f"{prim.GetPath()}.{name}", _value(prim, name, time), 1)
+    return tuple(map(float, found[:, 0]))
+
+
+def _number(prim: Usd.Prim, name: str, time: Usd.TimeCode, fallback: float) -> float:
+    found = _value(prim, name, time)
+    if found is None:
+        return fallback
+    if not isinstance(found, int | float):
+        raise StageError(f"{prim.GetPath()}.{name}", repr(found), "a number")
+    return float(found)
