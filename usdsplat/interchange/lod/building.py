@@ -17,7 +17,7 @@ from pxr import Sdf, Usd, UsdGeom
 
 from usdsplat import __version__, schema
 from usdsplat.core import axes
-from usdsplat.core.errors import UsageError
+from usdsplat.core.errors import OutputError, UsageError, UsdSplatError
 from usdsplat.core.findings import Finding
 from usdsplat.core.lock import output_lock
 from usdsplat.core.node_table import NODE_SPLATS, NodeTable, check_nodes
@@ -105,6 +105,11 @@ def build_tree(
         try:
             job = _Job.prepared(inputs, folder, options, progress)
             report = job.build(tree_files, progress)
+        except OutputError:
+            raise  # such as a full disk: another attempt continues
+        except UsdSplatError:
+            folder.remove()  # another attempt would fail too
+            raise
         except BaseException:
             folder.remove_if_empty()
             raise
@@ -246,8 +251,8 @@ class _Job:
             sha256=fingerprint(list(dict.fromkeys(f for s in self.inputs for f in s.files))),
             format=" + ".join(dict.fromkeys(each.format for each in self.surveys)),
             reader=f"usdsplat {__version__}",
-            frame=first.frame,
-            frame_source=first.frame_source,
+            frame=self.meeting.frame,
+            frame_source=self.meeting.frame_source,
             frame_score=None,
             axes=axes_text(placed, baked=False),
             meters_per_unit=UsdGeom.GetStageMetersPerUnit(stage) if unit is None else unit,

@@ -27,7 +27,7 @@ from usdsplat.kernels.device import Device
 _Load = Callable[[int], SplatCloud]
 MEASURED = (4, 2, 1)
 """Number of nodes that are measured with leaves at most 1, 2, 3 levels below."""
-MOST_SPLATS = 1_500_000
+MOST_SPLATS = 600_000
 """Nodes with more splats below are not measured, because of memory."""
 
 
@@ -61,7 +61,7 @@ class ErrorMeter:
                 np.flatnonzero((above == height) & (below <= MOST_SPLATS) & (self.sizes > 0)), most
             )
         ]
-        comparison, load = Comparison(self.device), lru_cache(maxsize=8)(self._chunk)
+        comparison, load = Comparison(self.device), lru_cache(maxsize=2)(self._chunk)
         found: list[list[float]] = [[] for _ in MEASURED]
         for done, (height, node) in enumerate(asked):
             progress.step("measuring errors", done, len(asked))

@@ -38,6 +38,28 @@ class _Part:
     """Shape (4, 4)."""
 
 
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class _Fields:
+    """The visible fields of an open stage."""
+
+    stage: Usd.Stage
+    prims: tuple[Usd.Prim, ...]
+    parts: tuple[_Part, ...]
+    notes: tuple[str, ...]
+
+    @classmethod
+    def of(cls, path: Path, options: LodOptions) -> _Fields:
+        """Open a stage and find its fields."""
+        stage = files.open_stage(path)
+        found, notes = appearances(stage, None, options.time)
+        return cls(
+            stage=stage,
+            prims=tuple(item.prim for item in found),
+            parts=tuple(_Part(prim=a.prim, to_world=m) for a in found for m in a.to_world),
+            notes=tuple(notes),
+        )
+
+
 class StageSource:
     """The visible fields of a stage; packed fields are decoded in parts.
 
@@ -48,20 +70,25 @@ class StageSource:
     def __init__(self, path: Path, options: LodOptions) -> None:
         self.path = path
         self._options = options
-        self._stage = files.open_stage(path)
-        self.files: tuple[Path, ...] = tuple(files.layer_files(self._stage))
-        found, self._notes = appearances(self._stage, None, options.time)
-        self._parts = [_Part(prim=a.prim, to_world=m) for a in found for m in a.to_world]
-        self._prims = [item.prim for item in found]
-        self._open: tuple[Usd.Prim, _FieldRows] | None = None
+        self._opened: _Fields | None = None
+        self._read: tuple[Usd.Prim, _FieldRows] | None = None
+        self.files: tuple[Path, ...] = tuple(files.layer_files(self._fields.stage))
+
+    @property
+    def _fields(self) -> _Fields:
+        """The opened stage; opened again after `release`."""
+        if self._opened is None:
+            self._opened = _Fields.of(self.path, self._options)
+        return self._opened
 
     def survey(self, progress: Progress) -> Survey:
         """Read the centres of all fields, and a sample of their splats."""
-        stage, counts, degrees, pixels = self._stage, [], [], []
+        stage, parts, prims = self._fields.stage, self._fields.parts, self._fields.prims
+        counts, degrees, pixels = [], [], []
         boxes: list[tuple[F64, F64]] = []
         sampled: list[SplatCloud] = []
-        for done, part in enumerate(self._parts):
-            progress.step("reading fields", done, len(self._parts))
+        for done, part in enumerate(parts):
+            progress.step("reading fields", done, len(parts))
             field = self._field(part.prim)
             few = field.rows(slice(0, field.count, max(1, field.count // SAMPLED)))
             few = edit.prune(_placed(part, few, np.eye(4)))
@@ -70,15 +97,15 @@ class StageSource:
             pixels.append(_pixel(part, few))
             boxes += field.boxes(part.to_world)
             sampled.append(few)
-        progress.step("reading fields", len(self._parts), len(self._parts))
+        progress.step("reading fields", len(parts), len(parts))
         low, high, core = np.zeros(3), np.zeros(3), (np.zeros(3), np.zeros(3))
         centres = np.concatenate([cloud.positions for cloud in sampled])
         if boxes and len(centres):
             low, high = np.min([b[0] for b in boxes], axis=0), np.max([b[1] for b in boxes], axis=0)
             core = core_box(centres)
-        spaces = sorted({schema.color_space(prim) for prim in self._prims})
-        modes = {schema.rasterize_mode(prim) for prim in self._prims}
-        return Survey(
+        spaces = sorted({schema.color_space(prim) for prim in prims})
+        modes = {schema.rasterize_mode(prim) for prim in prims}
+        survey = Survey(
             name=str(self.path),
             parts=tuple(counts),
             degree=max(degrees),
@@ -96,29 +123,32 @@ class StageSource:
             color_space=spaces[0],
             format="USD",
             error_bounds={},
-            notes=(*self._notes, *unknown_color_spaces(self._prims), *_mixed(spaces)),
+            notes=(*self._fields.notes, *unknown_color_spaces(prims), *_mixed(spaces)),
         )
+        self.release()
+        return survey
 
     def rows(self, part: int, first: int, last: int, matrix: F64) -> SplatCloud:
         """Return some splats of a field at one of its places."""
-        found = self._parts[part]
+        found = self._fields.parts[part]
         own = self._field(found.prim).rows(slice(first, last))
         return _placed(found, own, matrix)
 
     def findings(self) -> list[Finding]:
         """Return problems of composition, and the grades and crops, which a tree does not get."""
-        return [*composition_findings(self._stage), *unapplied(self._prims, self._options.time)]
+        fields = self._fields
+        return [*composition_findings(fields.stage), *unapplied(fields.prims, self._options.time)]
 
     def release(self) -> None:
-        """Release the field that was read last."""
-        self._open = None
+        """Close the stage: what is read of its files stays in memory with it."""
+        self._opened = self._read = None
 
     def _field(self, prim: Usd.Prim) -> _FieldRows:
         """Return the reader of a field; that of the last field is kept."""
-        if self._open is None or self._open[0] != prim:
-            self._open = None
-            self._open = (prim, _FieldRows(prim, self._options))
-        return self._open[1]
+        if self._read is None or self._read[0] != prim:
+            self._read = None
+            self._read = (prim, _FieldRows(prim, self._options))
+        return self._read[1]
 
 
 class _FieldRows:
@@ -175,8 +205,7 @@ class _FieldRows:
         found = []
         for first in range(0, self.count, _BLOCK):
             here = self.positions[first : first + _BLOCK]
-            points = here @ matrix[:3, :3].T + matrix[:3, 3]
-            points = points[np.isfinite(points).all(axis=1)]
+            points = here[np.isfinite(here).all(axis=1)] @ matrix[:3, :3].T + matrix[:3, 3]
             if len(points):
                 found.append((points.min(axis=0), points.max(axis=0)))
         if not found:

@@ -82,6 +82,8 @@ class Meeting:
 
     frame: str
     """Axes of the tree's own coordinates: those of the first input."""
+    frame_source: str
+    """Source of these axes, see `Capture.frame_source`."""
     meters_per_unit: float | None
     """Unit of these coordinates; None if no input states one."""
     maps: tuple[F64, ...]
@@ -135,6 +137,7 @@ def meet(surveys: Sequence[Survey], *, sh_degree: int | None, pixel: float | Non
     degree = max(each.degree for each in surveys)
     return Meeting(
         frame=first.frame,
+        frame_source=first.frame_source,
         meters_per_unit=unit,
         maps=tuple(maps),
         cube=_cube(surveys, maps),

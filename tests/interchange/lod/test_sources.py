@@ -1,0 +1,101 @@
+"""Tests of reading inputs in parts."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from pxr import Gf, Usd, UsdGeom, Vt
+
+from tests.interchange.lod.worlds import ground
+from usdsplat import formats, schema
+from usdsplat.core import edit
+from usdsplat.core.errors import UsageError
+from usdsplat.core.progress import silent
+from usdsplat.interchange.exporting import capture_of
+from usdsplat.interchange.lod.options import LodOptions
+from usdsplat.interchange.lod.sorting import pieces
+from usdsplat.interchange.lod.sources import open_source
+
+NAMES = ("positions", "scales", "rotations", "opacities", "sh")
+
+
+def in_parts(source, counts, size):
+    """All splats of an input, read in pieces of `size`."""
+    found = []
+    for part, count in enumerate(counts):
+        for first in range(0, count, size):
+            found.append(source.rows(part, first, min(count, first + size), np.eye(4)))
+    return edit.merge(found)
+
+
+@pytest.mark.parametrize("form", ["packed", "float", "half"])
+def test_a_stage_is_read_in_parts(tmp_path, form):
+    """Oracle: the export of the same stage, whole, with its point instances."""
+    path = tmp_path / "s.usda"
+    stage = Usd.Stage.CreateNew(str(path))
+    instancer = UsdGeom.PointInstancer.Define(stage, "/World/many")
+    prim = schema.author(stage, "/World/many/kind", ground(100, 2), form=form)
+    UsdGeom.Xformable(prim).AddRotateXYZOp().Set(Gf.Vec3f(20, 30, 40))
+    instancer.CreatePrototypesRel().SetTargets([prim.GetPath()])
+    instancer.CreatePositionsAttr(Vt.Vec3fArray([(0, 0, 0), (5, 1, 0)]))
+    instancer.CreateProtoIndicesAttr(Vt.IntArray([0, 0]))
+    stage.GetRootLayer().Save()
+    source = open_source(path, LodOptions())
+    survey = source.survey(silent)
+    assert (survey.parts, survey.degree, survey.frame) == ((100, 100), 2, "rub")
+    expected = capture_of(stage, "rub")[0].cloud
+    found = in_parts(source, survey.parts, 37)
+    for name in NAMES:
+        np.testing.assert_allclose(getattr(found, name), getattr(expected, name), atol=1e-6)
+    np.testing.assert_allclose(survey.low, expected.positions.min(axis=0), atol=1e-6)
+    np.testing.assert_allclose(survey.high, expected.positions.max(axis=0), atol=1e-6)
+
+
+def test_an_authored_footprint_is_the_pixel(tmp_path):
+    """Oracle: closed form: the footprint times the scale of the field."""
+    stage = Usd.Stage.CreateNew(str(tmp_path / "s.usda"))
+    drawing = schema.DrawingHints(footprint=0.02)
+    prim = schema.author(stage, "/a", ground(50), drawing=drawing)
+    UsdGeom.Xformable(prim).AddScaleOp().Set(Gf.Vec3f(3, 3, 3))
+    stage.GetRootLayer().Save()
+    survey = open_source(tmp_path / "s.usda", LodOptions()).survey(silent)
+    assert survey.pixel == pytest.approx(0.06)
+
+
+def test_a_capture_is_read_in_parts(tmp_path):
+    """Oracle: the reader of its format."""
+    formats.write(ground(100, 1), tmp_path / "a.ply")
+    source = open_source(tmp_path / "a.ply", LodOptions(axes="rdf"))
+    survey = source.survey(silent)
+    source.release()
+    expected = formats.read(tmp_path / "a.ply").cloud
+    found = in_parts(source, survey.parts, 30)
+    for name in NAMES:
+        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
+    assert survey.parts == (100,)
+
+
+def test_a_capture_that_does_not_fit_is_one_sentence(tmp_path):
+    """Oracle: the sentence."""
+    formats.write(ground(1000), tmp_path / "a.ply")
+    source = open_source(tmp_path / "a.ply", LodOptions(memory_limit=1000))
+    with pytest.raises(UsageError, match=r"a\.ply, which takes .* expected a higher limit"):
+        source.survey(silent)
+
+
+class Counted:
+    """A survey of which only the numbers of splats count."""
+
+    def __init__(self, *parts):
+        self.parts = parts
+
+
+def test_pieces_hold_each_splat_once_in_order():
+    """Oracle: closed form: 10 splats of three inputs in pieces of 4."""
+    found = list(pieces([Counted(3, 0, 2), Counted(), Counted(5)], 4))
+    told = [[(r.source, r.part, r.first, r.last) for r in piece] for piece in found]
+    assert told == [
+        [(0, 0, 0, 3), (0, 2, 0, 1)],
+        [(0, 2, 1, 2), (2, 0, 0, 3)],
+        [(2, 0, 3, 5)],
+    ]
