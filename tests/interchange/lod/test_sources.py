@@ -12,9 +12,9 @@ from usdsplat.core import edit
 from usdsplat.core.errors import UsageError
 from usdsplat.core.progress import silent
 from usdsplat.interchange.exporting import capture_of
+from usdsplat.interchange.lod.inputs import open_source
 from usdsplat.interchange.lod.options import LodOptions
 from usdsplat.interchange.lod.sorting import pieces
-from usdsplat.interchange.lod.sources import open_source
 
 NAMES = ("positions", "scales", "rotations", "opacities", "sh")
 

@@ -29,13 +29,14 @@ from usdsplat.interchange.authoring import axes_text, prepare
 from usdsplat.interchange.gathering import widened
 from usdsplat.interchange.lod.authoring_tree import author_tree
 from usdsplat.interchange.lod.chunks import ChunkForm, chunk_name
+from usdsplat.interchange.lod.inputs import open_source
 from usdsplat.interchange.lod.measuring import ErrorMeter
 from usdsplat.interchange.lod.nodes import NodeBuilder, chunk_numbers
 from usdsplat.interchange.lod.options import LOD, LodOptions, LodReport
 from usdsplat.interchange.lod.partition import partition
 from usdsplat.interchange.lod.placing import TreeFiles
 from usdsplat.interchange.lod.sorting import sort_inputs
-from usdsplat.interchange.lod.sources import Source, open_source, splat_bytes
+from usdsplat.interchange.lod.sources import Source, splat_bytes
 from usdsplat.interchange.lod.survey import Meeting, Survey, meet
 from usdsplat.interchange.lod.tables import assemble
 from usdsplat.interchange.lod.work_folder import WorkFolder

@@ -18,7 +18,6 @@ from usdsplat.core.sh import coefficient_count
 from usdsplat.core.wording import said_bytes
 from usdsplat.formats import Capture
 from usdsplat.interchange.axes_choice import choose_axes, with_axes
-from usdsplat.interchange.files import is_usd
 from usdsplat.interchange.gathering import with_unit
 from usdsplat.interchange.lod.options import LodOptions
 from usdsplat.interchange.lod.survey import SAMPLED, Survey, core_box, pixel_of
@@ -46,19 +45,6 @@ class Source(Protocol):
 
     def release(self) -> None:
         """Release what is in memory; `rows` reads it again."""
-
-
-def open_source(path: Path, options: LodOptions) -> Source:
-    """Return an input.
-
-    Raises:
-        UsdSplatError: If it cannot be opened.
-    """
-    if is_usd(path):
-        from usdsplat.interchange.lod.stage_source import StageSource
-
-        return StageSource(path, options)
-    return CaptureSource(path, options)
 
 
 def splat_bytes(degree: int) -> int:
