@@ -15,6 +15,7 @@ from usdsplat.interchange.lod.survey import Survey, meet
 
 ONE = Survey(
     name="a.ply",
+    files=("a.ply",),
     parts=(100,),
     degree=1,
     low=(-1.0, -2.0, -3.0),

@@ -140,8 +140,9 @@ class _Job:
         surveys = folder.surveys()
         if surveys is None:
             surveys, held = [], 0
-            for each in inputs:
-                surveys.append(each.survey(progress))
+            for done, each in enumerate(inputs):
+                progress.step("reading inputs", done, len(inputs))
+                surveys.append(each.survey(progress if len(inputs) == 1 else silent))
                 held += surveys[-1].count * splat_bytes(surveys[-1].degree)
                 if held > options.memory_limit // 4:
                     each.release()
@@ -183,7 +184,7 @@ class _Job:
         table = replace(table, errors=meter.errors(progress))
         notes = list(meeting.notes)
         if dropped:
-            why = "they contain a number that is not finite"
+            why = "a number is not finite or the rotation is zero"
             notes.append(f"splats dropped because {why}: {dropped}")
         prim = self._authored(stage, placed, table, tree_files, notes)
         names = [chunk_name(number) for number in range(len(chunk_numbers(root)) + 1)]
@@ -247,9 +248,10 @@ class _Job:
         """Return the record of the origin of the tree."""
         first = self.surveys[0]
         unit = self.meeting.meters_per_unit
+        files_read = dict.fromkeys(file for each in self.surveys for file in each.files)
         return Provenance(
             source=" + ".join(each.path.name for each in self.inputs),
-            sha256=fingerprint(list(dict.fromkeys(f for s in self.inputs for f in s.files))),
+            sha256=fingerprint([Path(file) for file in files_read]),
             format=" + ".join(dict.fromkeys(each.format for each in self.surveys)),
             reader=f"usdsplat {__version__}",
             frame=self.meeting.frame,

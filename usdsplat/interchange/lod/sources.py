@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Protocol
@@ -31,7 +32,7 @@ class Source(Protocol):
 
     path: Path
     files: tuple[Path, ...]
-    """Files of the input, known after `survey`."""
+    """The input's file or folder, or the layers of a stage."""
 
     def survey(self, progress: Progress) -> Survey:
         """Return what is known of the input before its splats are sorted."""
@@ -69,33 +70,10 @@ class CaptureSource:
             UsageError: If it does not fit in memory, or its axes are invalid.
         """
         capture = self._read(progress)
-        self.files = capture.files
         cloud = capture.cloud
-        count = len(cloud)
-        few = edit.take(cloud, np.arange(0, count, max(1, count // SAMPLED)))
-        low, high, core = np.zeros(3), np.zeros(3), (np.zeros(3), np.zeros(3))
-        if count:
-            low, high, core = *bounds(cloud.positions), core_box(few.positions)
-        return Survey(
-            name=str(self.path),
-            parts=(count,),
-            degree=cloud.sh_degree,
-            low=tuple(map(float, low)),
-            high=tuple(map(float, high)),
-            core_low=tuple(map(float, core[0])),
-            core_high=tuple(map(float, core[1])),
-            pixel=pixel_of(few) if count else 0.0,
-            frame=capture.frame,
-            frame_source=capture.frame_source,
-            frame_score=capture.frame_score or 0.0,
-            meters_per_unit=capture.meters_per_unit,
-            unit_source=capture.unit_source,
-            antialiased=capture.antialiased,
-            color_space=capture.color_space,
-            format=capture.format,
-            error_bounds=dict(capture.error_bounds),
-            notes=capture.notes,
-        )
+        few = edit.take(cloud, np.arange(0, len(cloud), max(1, len(cloud) // SAMPLED)))
+        boxes = [bounds(cloud.positions)] if len(cloud) else []
+        return survey_of(self.path, replace(capture, cloud=few), len(cloud), boxes)
 
     def rows(self, part: int, first: int, last: int, matrix: F64) -> SplatCloud:
         """Return some splats; `part` is 0."""
@@ -114,12 +92,58 @@ class CaptureSource:
         """Read the capture with the axes and the unit that the options give."""
         options = self._options
         capture = formats.read(self.path, how=options.reading, progress=progress)
-        capture = with_axes(capture, choose_axes(capture, options.axes))
-        capture = with_unit(capture, options.meters_per_unit)
+        capture = described(capture, options)
         size = int(READING * len(capture.cloud) * splat_bytes(capture.cloud.sh_degree))
         check_memory(str(self.path), size, options.memory_limit)
         self._held = replace(capture, cloud=replace(capture.cloud, ids=None, velocities=None))
         return self._held
+
+
+def described(capture: Capture, options: LodOptions) -> Capture:
+    """Return a capture with the axes and the unit that the options give.
+
+    Raises:
+        UsageError: If the axes are invalid.
+    """
+    capture = with_axes(capture, choose_axes(capture, options.axes))
+    return with_unit(capture, options.meters_per_unit)
+
+
+def survey_of(path: Path, capture: Capture, count: int, boxes: Sequence[tuple[F64, F64]]) -> Survey:
+    """Return the survey of a capture.
+
+    Args:
+        path: The input.
+        capture: A sample of its splats, and its description.
+        count: Number of its splats.
+        boxes: Boxes that together contain all its centres; none without splats.
+    """
+    cloud = capture.cloud
+    low, high, core = np.zeros(3), np.zeros(3), (np.zeros(3), np.zeros(3))
+    if boxes and len(cloud):
+        low, high = np.min([b[0] for b in boxes], axis=0), np.max([b[1] for b in boxes], axis=0)
+        core = core_box(cloud.positions)
+    return Survey(
+        name=str(path),
+        files=tuple(map(str, capture.files)),
+        parts=(count,),
+        degree=cloud.sh_degree,
+        low=tuple(map(float, low)),
+        high=tuple(map(float, high)),
+        core_low=tuple(map(float, core[0])),
+        core_high=tuple(map(float, core[1])),
+        pixel=pixel_of(cloud) if len(cloud) else 0.0,
+        frame=capture.frame,
+        frame_source=capture.frame_source,
+        frame_score=capture.frame_score or 0.0,
+        meters_per_unit=capture.meters_per_unit,
+        unit_source=capture.unit_source,
+        antialiased=capture.antialiased,
+        color_space=capture.color_space,
+        format=capture.format,
+        error_bounds=dict(capture.error_bounds),
+        notes=capture.notes,
+    )
 
 
 def check_memory(where: str, needed: int, limit: int) -> None:

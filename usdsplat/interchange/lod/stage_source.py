@@ -107,6 +107,7 @@ class StageSource:
         modes = {schema.rasterize_mode(prim) for prim in prims}
         survey = Survey(
             name=str(self.path),
+            files=tuple(map(str, self.files)),
             parts=tuple(counts),
             degree=max(degrees),
             low=tuple(map(float, low)),

@@ -37,6 +37,8 @@ class Survey:
     """What is known of an input before its splats are sorted. Lengths are in its own units."""
 
     name: str
+    files: tuple[str, ...]
+    """Files that hold the input."""
     parts: tuple[int, ...]
     """Number of splats of each part: a capture, or an appearance of a field on a stage."""
     degree: int
