@@ -134,4 +134,6 @@ def _told(report: LodReport) -> str:
         f"  axes   {report.axes}",
     ]
     lines += [f"  error  {name} {bound}" for name, bound in report.error_bounds.items()]
+    if report.continued:
+        lines.append("  note   an interrupted building was continued")
     return "\n".join([*lines, *(f"  note   {note}" for note in report.notes)])

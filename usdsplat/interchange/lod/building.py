@@ -179,7 +179,12 @@ class _Job:
         ).build()
         table, sizes = assemble(root, folder.chunks)
         meter = ErrorMeter(
-            table=table, sizes=sizes, folder=folder.chunks, pixel=meeting.pixel, device=device
+            table=table,
+            sizes=sizes,
+            folder=folder.chunks,
+            degree=meeting.degree,
+            pixel=meeting.pixel,
+            device=device,
         )
         table = replace(table, errors=meter.errors(progress))
         notes = list(meeting.notes)

@@ -21,14 +21,15 @@ from usdsplat.core.progress import Progress
 from usdsplat.interchange.lod import chunks, levels
 from usdsplat.interchange.lod.chunks import chunk_name, joined, read_chunk
 from usdsplat.interchange.lod.pictures import Comparison, Pair
+from usdsplat.interchange.lod.sources import splat_bytes
 from usdsplat.interchange.lod.tables import heights, nested
 from usdsplat.kernels.device import Device
 
 _Load = Callable[[int], SplatCloud]
 MEASURED = (4, 2, 1)
 """Number of nodes that are measured with leaves at most 1, 2, 3 levels below."""
-MOST_SPLATS = 600_000
-"""Nodes with more splats below are not measured, because of memory."""
+MOST_SPLATS, MOST_BYTES = 600_000, 96 << 20
+"""Nodes with more splats below, or larger ones, are not measured, because of time and memory."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -40,6 +41,8 @@ class ErrorMeter:
     """Typical size of the proxies of each node [unit], shape (n,)."""
     folder: Path
     """Folder of the chunks."""
+    degree: int
+    """Degree of the harmonics."""
     pixel: float
     """Size of the pixel of the baked low-pass [unit]; 0 for none."""
     device: Device
@@ -53,13 +56,12 @@ class ErrorMeter:
 
     def _factors(self, above: I32, progress: Progress) -> F64:
         """Return errors relative to typical sizes for nodes of the height 1, 2, ..."""
-        below = splats_below(self.table)
+        below, few = splats_below(self.table), MOST_BYTES // splat_bytes(self.degree)
+        is_fit = (below <= min(few, MOST_SPLATS)) & (self.sizes > 0)
         asked = [
             (height, node)
             for height, most in enumerate(MEASURED, 1)
-            for node in _spread(
-                np.flatnonzero((above == height) & (below <= MOST_SPLATS) & (self.sizes > 0)), most
-            )
+            for node in _spread(np.flatnonzero((above == height) & is_fit), most)
         ]
         comparison, load = Comparison(self.device), lru_cache(maxsize=2)(self._chunk)
         found: list[list[float]] = [[] for _ in MEASURED]
