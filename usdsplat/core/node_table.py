@@ -100,7 +100,8 @@ def check_nodes(table: NodeTable, where: str, *, chunks: int) -> None:
     _check_links(table, where)
     _check_values(table, where, chunks)
     parents = table.parents()[1:]
-    slack = _SLACK * (table.high[parents] - table.low[parents]).max(axis=1, keepdims=True)
+    edges = table.high[parents].astype(np.float64) - table.low[parents]
+    slack = _SLACK * edges.max(axis=1, keepdims=True)
     outside = (table.low[1:] < table.low[parents] - slack) | (
         table.high[1:] > table.high[parents] + slack
     )

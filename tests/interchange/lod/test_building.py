@@ -301,6 +301,34 @@ def test_splats_that_are_not_finite_are_left_out(tmp_path):
     assert said in report.notes
 
 
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(
+    ("name", "rows", "value"),
+    [
+        ("positions", slice(0, 2), 3e38),
+        ("positions", slice(None), 1.5),
+        ("rotations", slice(0, 50), 0.0),
+        ("scales", slice(0, 50), -0.01),
+        ("scales", slice(None), 0.0),
+        ("scales", slice(0, 3), 1e30),
+        ("scales", slice(None), 100.0),
+        ("opacities", slice(None), 0.0),
+        ("sh", slice(0, 5), 1e30),
+    ],
+)
+def test_any_finite_numbers_make_a_valid_tree(tmp_path, name, rows, value):
+    """Oracle: `check_nodes`, and the number of splats."""
+    cloud = ground(1500, 1)
+    getattr(cloud, name)[rows] = value
+    stage = Usd.Stage.CreateNew(str(tmp_path / "s.usdc"))
+    schema.author(stage, "/a", cloud)
+    stage.GetRootLayer().Save()
+    report = build_tree(tmp_path / "s.usdc", tmp_path / "t.usda", options=SMALL)
+    _, table, chunks = opened(tmp_path / "t.usda")
+    check_nodes(table, "t", chunks=len(chunks))
+    assert report.splats == 1500
+
+
 def test_other_files_are_not_replaced(scan, tmp_path):
     """Oracle: the sentences, and the files."""
     (tmp_path / "t_chunks").mkdir()

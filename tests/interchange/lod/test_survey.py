@@ -115,7 +115,16 @@ def test_the_pixel_of_a_sphere():
     cloud.positions[:] *= 3 / np.linalg.norm(cloud.positions, axis=1, keepdims=True)
     cloud.positions[1::2] = -cloud.positions[::2]
     cloud.scales[:], cloud.opacities[:] = 0.1, 0.5
-    assert survey.pixel_of(cloud) == pytest.approx(6 / 1080, rel=1e-5)
+    assert survey.pixel_of(cloud) == pytest.approx(6 / 1080, rel=0.01)
+
+
+def test_splats_far_away_do_not_count_for_the_pixel():
+    """Oracle: the pixel without them."""
+    cloud = random_cloud(4000, 0)
+    cloud.scales[:], cloud.opacities[:] = 0.1, 0.5
+    near = survey.pixel_of(cloud)
+    cloud.positions[:3] = 1e30
+    assert survey.pixel_of(cloud) == pytest.approx(near, rel=0.02)
 
 
 def test_the_weighted_median_has_half_of_the_weight_before_it():

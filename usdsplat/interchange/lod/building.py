@@ -17,7 +17,7 @@ from pxr import Sdf, Usd, UsdGeom
 
 from usdsplat import __version__, schema
 from usdsplat.core import axes
-from usdsplat.core.errors import OutputError, UsageError, UsdSplatError
+from usdsplat.core.errors import OutputError, StageError, UsageError, UsdSplatError
 from usdsplat.core.findings import Finding
 from usdsplat.core.lock import output_lock
 from usdsplat.core.node_table import NODE_SPLATS, NodeTable, check_nodes
@@ -158,6 +158,8 @@ class _Job:
         runs, dropped = sort_inputs(
             self.inputs, self.surveys, meeting, folder, options.memory_limit, progress
         )
+        if not runs.counts.sum():
+            raise StageError(self.surveys[0].name, "no splat that can be drawn", "one or more")
         root = partition(runs, options.leaf_splats)
         device = open_device(task="geometry")
         done, total = 0, root.span.count
@@ -167,6 +169,7 @@ class _Job:
             done += splats
             progress.step("building levels", done, total)
 
+        told(0)
         NodeBuilder(
             runs=runs,
             root=root,
@@ -191,9 +194,11 @@ class _Job:
         if dropped:
             why = "a number is not finite or the rotation is zero"
             notes.append(f"splats dropped because {why}: {dropped}")
+        progress.step("writing", 0, 1)
         prim = self._authored(stage, placed, table, tree_files, notes)
         names = [chunk_name(number) for number in range(len(chunk_numbers(root)) + 1)]
         tree_files.place(stage.GetRootLayer(), [folder.chunks / name for name in names])
+        progress.step("writing", 1, 1)
         return self._report(prim, placed, table, tree_files, notes)
 
     def _stage(self) -> tuple[Usd.Stage, Placement]:

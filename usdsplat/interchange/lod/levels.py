@@ -7,6 +7,7 @@ of the merged splats, antialiased, then resembles the mean of what a classic pic
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -25,6 +26,7 @@ STRAY = 0.5
 FEW = 16
 """At most one of so many splats of a node is a stray."""
 
+_LARGEST = float(np.finfo(np.float32).max)
 _MIDDLE = 0.05
 """Part of the centres at either end of an axis that do not count for the size of a node."""
 
@@ -34,8 +36,8 @@ def baked(cloud: SplatCloud, pixel: float) -> SplatCloud:
     [unit]; 0 changes nothing."""
     if not pixel:
         return cloud
-    scales = np.sqrt(np.square(cloud.scales) + np.float32(LOW_PASS * pixel * pixel))
-    return replace(cloud, scales=scales)
+    scales = np.hypot(cloud.scales, math.sqrt(LOW_PASS) * pixel)
+    return replace(cloud, scales=np.minimum(scales, _LARGEST).astype(np.float32))
 
 
 def proxy_count(splats: int, most: int) -> int:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from usdsplat.core import edit
 from usdsplat.core.cloud import SplatCloud
@@ -16,6 +18,9 @@ from usdsplat.interchange.lod.work_folder import WorkFolder
 
 SHARE = 16
 """A piece takes at most one of so many parts of the memory, before it is transformed and sorted."""
+LARGEST = 2.0**31
+"""Largest standard deviation of a splat [unit]: packed ones have none above 2^32, and boxes leave
+out those whose squares are not finite."""
 LEAST_ROWS = 1 << 16
 """Smallest number of rows of a piece, but for the last."""
 
@@ -95,5 +100,8 @@ def _read(sources: Sequence[Source], piece: Sequence[Rows], meeting: Meeting) ->
             source.release()
         matrix = meeting.maps[rows.source]
         cloud = sources[rows.source].rows(rows.part, rows.first, rows.last, matrix)
-        parts.append(edit.prune(edit.with_sh_degree(cloud, meeting.degree)))
+        cloud = edit.prune(edit.with_sh_degree(cloud, meeting.degree))
+        if cloud.scales.max(initial=0.0) > LARGEST:
+            cloud = replace(cloud, scales=np.minimum(cloud.scales, np.float32(LARGEST)))
+        parts.append(cloud)
     return joined(parts)

@@ -159,11 +159,14 @@ def core_box(positions: F32) -> tuple[F64, F64]:
 
 def pixel_of(cloud: SplatCloud) -> float:
     """Return the size of a pixel of a picture of LINES lines that shows the sphere around COVERED
-    of the weight of a cloud, which has at least one splat."""
-    area = np.sort(np.abs(cloud.scales), axis=1)[:, 1:].prod(axis=1).astype(np.float64)
+    of the weight of a cloud, which has at least one splat. Its centre is the median along each
+    axis, on which splats far away have no influence."""
+    scales = np.sort(np.abs(cloud.scales.astype(np.float64)), axis=1)
+    area = scales[:, 1] * scales[:, 2]
     weight = cloud.opacities * np.minimum(area, np.quantile(area, 0.99)) + 1e-300
     points = cloud.positions.astype(np.float64)
-    reach = np.linalg.norm(points - np.average(points, axis=0, weights=weight), axis=1)
+    centre = np.array([weighted_median(axis, weight) for axis in points.T])
+    reach = np.linalg.norm(points - centre, axis=1)
     order = np.argsort(reach, kind="stable")
     share = np.cumsum(weight[order])
     radius = reach[order][np.searchsorted(share, COVERED * share[-1])]
