@@ -13,6 +13,8 @@ from usdsplat.interchange import SequenceOptions as SequenceOptions
 from usdsplat.interchange import convert as convert
 from usdsplat.interchange import export_capture as export_capture
 from usdsplat.interchange import import_capture as import_capture
+from usdsplat.interchange.lod import LodOptions as LodOptions
+from usdsplat.interchange.lod import build_tree as build_tree
 from usdsplat.interchange.procedural import capture as _capture
 from usdsplat.kernels.devices import open_device as open_device
 from usdsplat.preview.opening import StageLoading as StageLoading

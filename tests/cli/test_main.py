@@ -90,7 +90,7 @@ def test_no_command_shows_the_overview_and_fails(capsys):
 def test_an_unknown_command_is_one_line(capsys):
     """Oracle: where: found X, expected Y."""
     assert main(["rendr"]) == 2
-    expected = "usdsplat: command: found 'rendr', expected one of convert, info, validate"
+    expected = "usdsplat: command: found 'rendr', expected one of convert, lod, info"
     assert capsys.readouterr().err.startswith(expected)
 
 

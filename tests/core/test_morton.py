@@ -8,10 +8,12 @@ import pytest
 from usdsplat.core import morton
 
 
-def _interleaved(cells: np.ndarray) -> int:
+def _interleaved(cells: np.ndarray, bits: int = 20) -> int:
     """Bits of x, y and z taken in turn, written as the definition says."""
     return sum(
-        (int(cells[axis]) >> bit & 1) << (3 * bit + axis) for bit in range(20) for axis in range(3)
+        (int(cells[axis]) >> bit & 1) << (3 * bit + axis)
+        for bit in range(bits)
+        for axis in range(3)
     )
 
 
@@ -38,3 +40,14 @@ def test_the_corners_of_a_cube_come_octant_by_octant():
 def test_points_without_extent_keep_their_order(points):
     """Oracle: one cell, a stable sort."""
     assert morton.order(points.astype(np.float32)).tolist() == list(range(len(points)))
+
+
+def test_keys_interleave_21_bits_of_a_given_cube():
+    """Oracle: the definition, bit by bit in Python; points outside count as on its surface."""
+    points = np.random.default_rng(2).uniform(-3, 5, (50, 3)).astype(np.float32)
+    low, edge = np.array([-2.5, -3.0, -2.0]), 7.0
+    unit = (points.astype(np.float64) - low) / edge
+    cells = np.clip(np.floor(unit * 2**21), 0, 2**21 - 1).astype(np.int64)
+    found = morton.keys(points, low, edge)
+    assert found.tolist() == [_interleaved(row, 21) for row in cells]
+    assert found.max() < 2**63

@@ -40,6 +40,8 @@ class Command:
     kept: tuple[str, ...] = ()
     """Names in OUT that a failed run may leave if a checkpoint is among them, for --resume, or if
     they are whole and only the last step failed."""
+    work: tuple[str, ...] = ()
+    """Names in OUT that a failed run may leave, from which the same command continues."""
 
     @property
     def replaced(self) -> tuple[str, ...]:
@@ -78,6 +80,12 @@ COMMANDS = (
         "convert a sequence to clips",
         ("convert", "scan.####.ply", f"{OUT}/o.usda", "--clips"),
         ("o.usda", "o.clips"),
+    ),
+    Command(
+        "lod",
+        ("lod", "scan.ply", "-o", f"{OUT}/o.usda", "--leaf-splats", "256"),
+        ("o.usda", "o_chunks"),
+        work=(".o.usda.building",),
     ),
     _render("o.exr"),
     _render("o.exr", "--aovs", "color,Z,id"),
@@ -233,6 +241,7 @@ class Runner:
         """Return the names of other files than the targets."""
         allowed = {name.partition("/")[0] for name in command.targets}
         found = {path.name for path in self.out.iterdir()} - allowed
+        found -= set() if is_done else set(command.work)
         inside = {
             path.name
             for name in allowed

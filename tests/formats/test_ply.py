@@ -17,6 +17,7 @@ from tests.formats.samples import SPLAT_NAMES, SPLAT_ROW, ply, random_cloud
 from usdsplat import formats
 from usdsplat.core.cloud import SplatCloud
 from usdsplat.core.errors import FormatError, OutputError
+from usdsplat.formats import ply as ply_format
 from usdsplat.formats.capture import UNKNOWN_AXES
 
 FEW = settings(
@@ -313,3 +314,22 @@ def test_a_failed_write_leaves_the_old_file(tmp_path, monkeypatch):
     assert [entry.name for entry in tmp_path.iterdir()] == ["kept.ply"]
     with pytest.raises(OutputError, match=re.escape(str(tmp_path / "none"))):
         formats.write(random_cloud(3, 0), tmp_path / "none" / "a.ply")
+
+
+def test_a_part_of_a_binary_file_is_read(tmp_path):
+    """Oracle: the same rows of the whole file; text and plain points are not read in parts."""
+    ply_format.write(random_cloud(40, 1), tmp_path / "a.ply")
+    whole = ply_format.read(tmp_path / "a.ply").cloud
+    assert ply_format.count_splats(tmp_path / "a.ply") == 40
+    for first, last in ((0, 0), (0, 40), (7, 23), (39, 40)):
+        part = ply_format.read_part(tmp_path / "a.ply", first, last)
+        assert part.notes == ply_format.read(tmp_path / "a.ply").notes
+        for name in ("positions", "scales", "rotations", "opacities", "sh"):
+            expected = getattr(whole, name)[first:last]
+            np.testing.assert_array_equal(getattr(part.cloud, name), expected)
+    text = "ply\nformat ascii 1.0\nelement vertex 1\n"
+    names = "".join(f"property float {name}\n" for name in SPLAT_NAMES)
+    row = " ".join(map(str, SPLAT_ROW))
+    (tmp_path / "t.ply").write_text(f"{text}{names}end_header\n{row}\n")
+    assert ply_format.read(tmp_path / "t.ply").cloud.positions.shape == (1, 3)
+    assert ply_format.count_splats(tmp_path / "t.ply") is None

@@ -23,6 +23,7 @@ from usdsplat.core.errors import BackendError, EarlierFilesError, UsageError, Us
 
 COMMANDS = {
     "convert": "convert captures to a stage, a stage to captures, or either to another of its kind",
+    "lod": "build a tree with levels of detail of captures and stages of any size",
     "info": "describe a capture or a stage",
     "validate": "check stages for what other commands would stop at, and say how to fix it",
     "view": "show a stage or a capture in a window or a browser",

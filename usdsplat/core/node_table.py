@@ -33,8 +33,8 @@ class NodeTable:
     node follow each other, after all nodes of the level above."""
 
     low: F32
-    """Lower corner of the box around the splats of the node and of all below it, at 3 standard
-    deviations [local unit], shape (n, 3)."""
+    """Lower corner of the box around the splats of the node and of all below it, to where an opaque
+    one reaches 1/255 (`core.extent.REACH`) [local unit], shape (n, 3)."""
     high: F32
     """Upper corner, shape (n, 3)."""
     errors: F32

@@ -25,7 +25,7 @@ from usdsplat.formats.capture import UNKNOWN_AXES, Capture
 from usdsplat.formats.cloud_builder import CloudBuilder, in_parallel
 from usdsplat.formats.options import READ_OPTIONS, WRITE_OPTIONS, ReadOptions, WriteOptions
 from usdsplat.formats.ply.columns import Columns, harmonics
-from usdsplat.formats.ply.header import read_header
+from usdsplat.formats.ply.header import Header, read_header
 from usdsplat.formats.ply.points import read_points
 from usdsplat.formats.ply.table import Block, Table, open_table
 
@@ -59,7 +59,38 @@ def read(path: Path, how: ReadOptions = READ_OPTIONS) -> Capture:
     missing = [name for name in _POSITIONS if name not in types]
     if not missing and not any(name in types for name in _SPLAT_ONLY):
         return read_points(path, header, table, how)
-    missing += [name for name in _SPLAT_ONLY if name not in types and name != "scale_2"]
+    return _read_splats(path, header, table, how)
+
+
+def count_splats(path: Path) -> int | None:
+    """Return the number of splats of a file of which `read_part` can read parts; None if it is a
+    file of text or of plain points.
+
+    Raises:
+        FormatError: If the header is inconsistent.
+    """
+    header = read_header(path)
+    table = open_table(path, header, "vertex")
+    has_splats = any(name in table.types for name in _SPLAT_ONLY)
+    return table.count if header.byte_order and has_splats else None
+
+
+def read_part(path: Path, first: int, last: int, how: ReadOptions = READ_OPTIONS) -> Capture:
+    """Read the splats of rows `first` to `last` of a file for which `count_splats` has a number.
+
+    Raises:
+        FormatError: As `read` does.
+    """
+    header = read_header(path)
+    table = open_table(path, header, "vertex")
+    return _read_splats(path, header, table.part(first, last), how)
+
+
+def _read_splats(path: Path, header: Header, table: Table, how: ReadOptions) -> Capture:
+    """Read the rows of a table as splats."""
+    types = table.types
+    missing = [name for name in (*_POSITIONS, *_SPLAT_ONLY) if name not in types]
+    missing = [name for name in missing if name != "scale_2"]
     if missing:
         raise FormatError(str(path), f"no property {missing[0]} in element vertex", "one")
     cloud, dropped = _read_rows(str(path), table, how)

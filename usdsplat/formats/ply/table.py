@@ -5,6 +5,7 @@ The counts of the header are checked against the size of the file before anythin
 
 from __future__ import annotations
 
+import copy
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Generator, Iterator
 from contextlib import closing
@@ -56,6 +57,7 @@ class Table(ABC):
         self._before = header.elements[: header.elements.index(element)]
         self.types = element.types
         self.count = element.count
+        self._first = 0
         self.rows_per_block = max(1, BLOCK_BYTES // max(1, element.row_bytes))
         needed = header.size + self._smallest()
         size = path.stat().st_size
@@ -105,6 +107,12 @@ class Table(ABC):
         for rows, block in self.blocks():
             work(rows, block)
             told(rows.stop)
+
+    def part(self, first: int, last: int) -> Table:
+        """Return a table of the rows `first` to `last` only, counted from 0; binary files only."""
+        part = copy.copy(self)
+        part._first, part.count = first, last - first
+        return part
 
     def remarks(self) -> tuple[str, ...]:
         """Return a note if the file is longer than its header declares, else nothing."""
@@ -171,7 +179,8 @@ class BinaryTable(Table):
     def _read(self, file: FileIO, rows: slice, buffer: Block) -> Block:
         """Read some rows, into `buffer` if the byte order allows."""
         block = buffer[: rows.stop - rows.start]
-        file.seek(self._header.size + self._offset() + rows.start * self._stored.itemsize)
+        start = (self._first + rows.start) * self._stored.itemsize
+        file.seek(self._header.size + self._offset() + start)
         if file.readinto(block.view(np.uint8).data) < block.nbytes:
             raise self._short(rows.start)  # the file was truncated in the meantime
         return block.astype(self.dtype, copy=False)

@@ -1,0 +1,139 @@
+"""Build a splat tree of captures and stages of any size, with levels of detail.
+
+examples:
+  usdsplat lod scan.ply -o scan.usda
+      a tree of one capture: scan.usda, and the splats in layers in the folder scan_chunks
+  usdsplat lod city_*.ply -o city.usda --memory-limit 2G
+      many captures in one tree, merged in the coordinates of the first
+  usdsplat lod shot.usd streamed/lod-meta.json -o all.usda
+      the visible fields of a stage, in world space, and the finest level of a streamed SOG
+  usdsplat lod scan.ply -o scan.usda --pixel 0.002
+      with the size of a pixel of the photographs, if it is known
+
+notes:
+  The leaves of a tree hold the splats of its inputs. Its other nodes hold fewer and larger splats,
+  which stand for them. See docs/levels_of_detail.md.
+  Captures that do not state their axes share those that most of their splats suggest.
+  Inputs are never changed. The tree appears when it is complete. If the command is interrupted or
+  killed, the same command continues; until then, the hidden folder .NAME.building is beside OUT.
+  Grades and crops of a stage are not applied, which is a finding.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from usdsplat.cli import console
+from usdsplat.cli.arguments import option, positional
+from usdsplat.cli.reporting import Reporter, ReportingOptions
+from usdsplat.cli.values import bytes_of, time_code
+from usdsplat.core.errors import UsageError
+from usdsplat.core.folders import made_folder
+from usdsplat.core.text import shown
+from usdsplat.core.wording import counted, said_bytes
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from usdsplat.core.findings import Finding
+    from usdsplat.interchange.lod import LodReport
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Options:
+    """Arguments of `usdsplat lod`."""
+
+    sources: Annotated[tuple[Path, ...], positional("[IN ...] IN")]
+    """captures and stages to read, any number"""
+    output: Annotated[Path | None, option("OUT", short="-o")] = None
+    """USD file to write, .usd, .usda or .usdc; missing folders are made"""
+    memory_limit: Annotated[str | None, option("SIZE")] = None
+    """memory to use, such as 800M or 6G; what does not fit is on disk beside OUT until the end;
+    default: 4G"""
+    pixel: Annotated[float | None, option("SIZE")] = None
+    """size of a pixel of the photographs at the splats, in units of the first input: merged splats
+    get the low-pass of classic pictures at this size; 0 for none; default: as authored, else that
+    of a picture of 1080 lines that shows a whole input"""
+    leaf_splats: Annotated[int | None, option("N")] = None
+    """largest number of splats of a node, 256 to 65536; default: 65536"""
+    sh_degree: Annotated[int | None, option("DEGREE")] = None
+    """highest degree of the harmonics, 0 to 4; default: that of the inputs"""
+    axes: Annotated[str | None, option("AXES")] = None
+    """directions of x, y and z of all captures, such as rdf; default: auto: as stated in each file,
+    else as their splats suggest, else rdf"""
+    up_axis: Annotated[str | None, option("Y|Z")] = None
+    """up axis of OUT; default: that of the first input if it is a stage, else Y"""
+    meters_per_unit: Annotated[float | None, option("METRES")] = None
+    """length of one unit of all captures, and of OUT, in metres; default: as stated by their
+    formats, else 1"""
+    frame: Annotated[float | None, option("FRAME")] = None
+    """time code at which stages are read; default: their default values, or the first samples"""
+    json: Annotated[bool, option()] = False
+    """print one JSON object with a report"""
+    reporting: ReportingOptions = field(default_factory=ReportingOptions)
+
+
+def run(options: Options, reporter: Reporter) -> int:
+    """Build the tree and print a report."""
+    from usdsplat.core.node_table import NODE_SPLATS
+    from usdsplat.interchange.lod import LodOptions, build_tree
+    from usdsplat.interchange.lod.options import MEMORY
+    from usdsplat.kernels.compiling import on_compile
+
+    if options.output is None:
+        raise UsageError("lod", "no -o OUT", "one; see 'usdsplat lod --help'")
+
+    def checked(findings: Iterable[Finding]) -> None:
+        reporter.findings.extend(findings)
+        reporter.findings.check()
+
+    with (
+        made_folder(options.output.parent),
+        on_compile(reporter.announce_compilation(_COMPILING)),
+        reporter.progress() as progress,
+    ):
+        report = build_tree(
+            options.sources,
+            options.output,
+            options=LodOptions(
+                axes=options.axes,
+                up_axis=options.up_axis,
+                meters_per_unit=options.meters_per_unit,
+                time=time_code(options.frame),
+                sh_degree=options.sh_degree,
+                leaf_splats=NODE_SPLATS if options.leaf_splats is None else options.leaf_splats,
+                pixel=options.pixel,
+                memory_limit=bytes_of(options.memory_limit) or MEMORY,
+            ),
+            found=checked,
+            progress=progress,
+        )
+    if options.json:
+        reporter.print_json(asdict(report))
+    else:
+        console.say(_told(report))
+    return 0
+
+
+_COMPILING = "compiling kernels, once; it takes up to half a minute"
+
+
+def _told(report: LodReport) -> str:
+    """Return the report as a few lines of text."""
+    lines = [
+        f"{shown(report.target)}: {counted(report.splats, 'splat')}, degree {report.degree}",
+        f"  prim   {report.prim_path}",
+        f"  tree   {counted(report.nodes, 'node')} in {counted(report.levels, 'level')}, "
+        f"{counted(report.leaves, 'leaf').replace('leafs', 'leaves')}, "
+        f"{counted(report.chunks, 'chunk')}",
+        f"  size   {said_bytes(report.size)}, {report.size / report.leaf_size:.2f} times that of "
+        "its leaves",
+        f"  pixel  {report.pixel:.4g}, errors {report.errors[0]:.4g} to {report.errors[1]:.4g}",
+        f"  axes   {report.axes}",
+    ]
+    lines += [f"  error  {name} {bound}" for name, bound in report.error_bounds.items()]
+    if report.continued:
+        lines.append("  note   an interrupted building was continued")
+    return "\n".join([*lines, *(f"  note   {note}" for note in report.notes)])

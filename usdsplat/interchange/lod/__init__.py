@@ -1,0 +1,8 @@
+"""Build splat trees: captures of any size with levels of detail."""
+
+from __future__ import annotations
+
+from usdsplat.interchange.lod.building import build_tree
+from usdsplat.interchange.lod.options import LodOptions, LodReport
+
+__all__ = ["LodOptions", "LodReport", "build_tree"]

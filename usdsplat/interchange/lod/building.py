@@ -1,0 +1,335 @@
+"""Build splat trees: survey and sort the inputs, make chunks from the leaves up, write the stage.
+
+Each step writes whole files into a `WorkFolder` and skips those that exist. A building that was
+killed therefore continues, and its result is the same, bit for bit. Nothing depends on the number
+of threads, or on how the inputs are divided into runs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import reduce
+from pathlib import Path
+
+import numpy as np
+from pxr import Sdf, Usd, UsdGeom
+
+from usdsplat import __version__, schema
+from usdsplat.core import axes
+from usdsplat.core.errors import OutputError, StageError, UsageError, UsdSplatError
+from usdsplat.core.findings import Finding
+from usdsplat.core.lock import output_lock
+from usdsplat.core.node_table import NODE_SPLATS, NodeTable
+from usdsplat.core.progress import Progress, silent
+from usdsplat.core.sh import MAX_DEGREE
+from usdsplat.core.wording import said_bytes
+from usdsplat.interchange import files
+from usdsplat.interchange.authoring import axes_text, prepare
+from usdsplat.interchange.gathering import widened
+from usdsplat.interchange.lod.chunks import ChunkForm, chunk_name
+from usdsplat.interchange.lod.inputs import open_source
+from usdsplat.interchange.lod.measuring import ErrorMeter
+from usdsplat.interchange.lod.nodes import NodeBuilder, chunk_numbers
+from usdsplat.interchange.lod.options import LOD, LodOptions, LodReport
+from usdsplat.interchange.lod.partition import partition
+from usdsplat.interchange.lod.placing import TreeFiles
+from usdsplat.interchange.lod.sorting import sort_inputs
+from usdsplat.interchange.lod.sources import Source, splat_bytes
+from usdsplat.interchange.lod.survey import Meeting, Survey, meet
+from usdsplat.interchange.lod.tables import assemble
+from usdsplat.interchange.lod.work_folder import WorkFolder
+from usdsplat.interchange.models import FIELD, author_model
+from usdsplat.interchange.placement import (
+    Placement,
+    define_ancestors,
+    identifier,
+    placement,
+    set_default_prim,
+    set_op,
+)
+from usdsplat.interchange.provenance import Provenance, fingerprint, joined_bounds, record
+from usdsplat.kernels.devices import open_device
+from usdsplat.schema import DrawingHints
+from usdsplat.schema.packing import harmonics_width
+from usdsplat.schema.stage_values import up_axis
+from usdsplat.schema.tree import author_tree
+
+LEAST_LEAF, LEAST_MEMORY = 256, 768 << 20
+"""Smallest size of leaves [splat], smallest limit of memory [byte]."""
+
+
+def ignore_findings(_found: Iterable[Finding]) -> None:
+    """Take no notice of findings, which are in the report too."""
+
+
+def build_tree(
+    sources: Path | str | Sequence[Path | str],
+    target: Path | str,
+    *,
+    options: LodOptions = LOD,
+    found: Callable[[Iterable[Finding]], None] = ignore_findings,
+    progress: Progress = silent,
+) -> LodReport:
+    """Build a splat tree of captures and stages, merged in world space.
+
+    `city.usda` has a prim `/city/splats` of the type ParticleFieldSplatTree; the splats are in
+    layers in a folder `city_chunks` beside it. Both replace earlier ones when they are complete. A
+    building that was interrupted or killed leaves the folder `.city.usda.building` and is continued
+    by the next one with equal inputs and options.
+
+    Args:
+        sources: Captures in any format that `formats` reads, and stages, of which the visible
+            fields are taken. The tree has the coordinates of the first.
+        target: A .usd, .usda or .usdc file.
+        options: Options.
+        found: Receives the findings on the inputs before anything is written; it may raise.
+        progress: Receives the progress of each step.
+
+    Raises:
+        FormatError: If a capture is invalid.
+        StageError: If a stage cannot be opened, has no visible field, or there is no splat.
+        UsageError: If an option is invalid, colour spaces differ, or an input does not fit in
+            memory.
+        OutputError: If a file cannot be written, or is an input.
+    """
+    paths = [Path(sources)] if isinstance(sources, Path | str) else [Path(s) for s in sources]
+    _check(options)
+    target = Path(target)
+    TreeFiles.of(target, paths)
+    inputs = [open_source(path, options) for path in paths]
+    tree_files = TreeFiles.of(target, [file for each in inputs for file in each.files])
+    findings = tuple(finding for each in inputs for finding in each.findings())
+    found(findings)
+    with output_lock(target):
+        folder = WorkFolder(target, [file for each in inputs for file in each.files], options)
+        try:
+            job = _Job.prepared(inputs, folder, options, progress)
+            report = job.build(tree_files, progress)
+        except OutputError:
+            raise  # such as a full disk: another attempt continues
+        except UsdSplatError:
+            folder.remove()  # another attempt would fail too
+            raise
+        except BaseException:
+            folder.remove_if_empty()
+            raise
+        folder.remove()
+    return replace(report, findings=findings)
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class _Job:
+    """The building of a tree whose inputs are surveyed."""
+
+    inputs: Sequence[Source]
+    surveys: Sequence[Survey]
+    meeting: Meeting
+    folder: WorkFolder
+    options: LodOptions
+
+    @classmethod
+    def prepared(
+        cls,
+        inputs: Sequence[Source],
+        folder: WorkFolder,
+        options: LodOptions,
+        progress: Progress,
+    ) -> _Job:
+        """Survey the inputs, or take the stored surveys."""
+        surveys = folder.surveys()
+        if surveys is None:
+            surveys, held = [], 0
+            for done, each in enumerate(inputs):
+                progress.step("reading inputs", done, len(inputs))
+                surveys.append(each.survey(progress if len(inputs) == 1 else silent))
+                held += surveys[-1].count * splat_bytes(surveys[-1].degree)
+                if held > options.memory_limit // 4:
+                    each.release()
+            meet(surveys, sh_degree=options.sh_degree, pixel=options.pixel)
+            folder.store(surveys)
+        meeting = meet(surveys, sh_degree=options.sh_degree, pixel=options.pixel)
+        return cls(inputs=inputs, surveys=surveys, meeting=meeting, folder=folder, options=options)
+
+    def build(self, tree_files: TreeFiles, progress: Progress) -> LodReport:
+        """Build the tree and return the report, without findings."""
+        meeting, folder, options = self.meeting, self.folder, self.options
+        stage, placed = self._stage()
+        runs, dropped = sort_inputs(
+            self.inputs, self.surveys, meeting, folder, options.memory_limit, progress
+        )
+        if not runs.counts.sum():
+            raise StageError(self.surveys[0].name, "no splat that can be drawn", "one or more")
+        root = partition(runs, options.leaf_splats)
+        device = open_device(task="geometry")
+        done, total = 0, root.span.count
+
+        def told(splats: int) -> None:
+            nonlocal done
+            done += splats
+            progress.step("building levels", done, total)
+
+        told(0)
+        NodeBuilder(
+            runs=runs,
+            root=root,
+            folder=folder.chunks,
+            form=self._form(stage),
+            pixel=meeting.pixel,
+            most=options.leaf_splats,
+            device=device,
+            told=told,
+        ).build()
+        table, sizes = assemble(root, folder.chunks)
+        meter = ErrorMeter(
+            table=table,
+            sizes=sizes,
+            folder=folder.chunks,
+            degree=meeting.degree,
+            pixel=meeting.pixel,
+            device=device,
+        )
+        table = replace(table, errors=meter.errors(progress))
+        notes = list(meeting.notes)
+        if dropped:
+            why = "a number is not finite or the rotation is zero"
+            notes.append(f"splats dropped because {why}: {dropped}")
+        progress.step("writing", 0, 1)
+        prim = self._authored(stage, placed, table, tree_files, notes)
+        names = [chunk_name(number) for number in range(len(chunk_numbers(root)) + 1)]
+        tree_files.place(stage.GetRootLayer(), [folder.chunks / name for name in names])
+        progress.step("writing", 1, 1)
+        return self._report(prim, placed, table, tree_files, notes)
+
+    def _stage(self) -> tuple[Usd.Stage, Placement]:
+        """Return a stage for the tree, and the map from the tree's coordinates to it."""
+        first, options = self.surveys[0], self.options
+        own = {frame: axis for axis, frame in axes.UP_AXIS_FRAME.items()}
+        up = own.get(first.frame, "Y") if files.is_usd(self.inputs[0].path) else "Y"
+        unit = options.meters_per_unit or self.meeting.meters_per_unit
+        stage = Usd.Stage.CreateInMemory()
+        prepare(stage, options.up_axis or up, unit)
+        return stage, placement(stage, self.meeting.frame, self.meeting.meters_per_unit)
+
+    def _form(self, stage: Usd.Stage) -> ChunkForm:
+        """Return what all chunks have in common."""
+        return ChunkForm(
+            up_axis=up_axis(stage),
+            meters_per_unit=UsdGeom.GetStageMetersPerUnit(stage),
+            color_space=self.meeting.color_space,
+            rasterize_mode=self._rasterize_mode,
+        )
+
+    @property
+    def _rasterize_mode(self) -> str:
+        return "antialiased" if self.meeting.antialiased else "classic"
+
+    def _authored(
+        self,
+        stage: Usd.Stage,
+        placed: Placement,
+        table: NodeTable,
+        tree_files: TreeFiles,
+        notes: Sequence[str],
+    ) -> Usd.Prim:
+        """Write the prims of the tree."""
+        model = Sdf.Path.absoluteRootPath.AppendChild(identifier(tree_files.target.stem))
+        path = model.AppendChild(FIELD)
+        chunks = [tree_files.asset(chunk_name(n)) for n in range(int(table.chunk.max()) + 1)]
+        define_ancestors(stage, path)
+        prim = author_tree(
+            stage,
+            path,
+            table,
+            chunks,
+            degree=self.meeting.degree,
+            color_space=self.meeting.color_space,
+            drawing=DrawingHints(rasterize_mode=self._rasterize_mode),
+            pixel=self.meeting.pixel,
+        )
+        set_op(prim, placed.matrix)
+        set_default_prim(stage, path)
+        author_model(prim, tree_files.target)
+        record(prim, self._provenance(stage, placed, notes))
+        return prim
+
+    def _provenance(self, stage: Usd.Stage, placed: Placement, notes: Sequence[str]) -> Provenance:
+        """Return the record of the origin of the tree."""
+        first = self.surveys[0]
+        unit = self.meeting.meters_per_unit
+        files_read = dict.fromkeys(file for each in self.surveys for file in each.files)
+        return Provenance(
+            source=" + ".join(each.path.name for each in self.inputs),
+            sha256=fingerprint([Path(file) for file in files_read]),
+            format=" + ".join(dict.fromkeys(each.format for each in self.surveys)),
+            reader=f"usdsplat {__version__}",
+            frame=self.meeting.frame,
+            frame_source=self.meeting.frame_source,
+            frame_score=None,
+            axes=axes_text(placed, baked=False),
+            meters_per_unit=UsdGeom.GetStageMetersPerUnit(stage) if unit is None else unit,
+            unit_source="assumed" if unit is None else first.unit_source,
+            sh_degree=self.meeting.degree,
+            edits=(),
+            error_bounds=self._error_bounds(),
+            notes=tuple(notes),
+        )
+
+    def _error_bounds(self) -> dict[str, str]:
+        """Return the maximum error of the splats of leaves, by field of the cloud."""
+        bounds: list[Mapping[str, str]] = [each.error_bounds for each in self.surveys]
+        read = reduce(widened, bounds)
+        return joined_bounds(read, schema.error_bounds("packed"))
+
+    def _report(
+        self,
+        prim: Usd.Prim,
+        placed: Placement,
+        table: NodeTable,
+        tree_files: TreeFiles,
+        notes: Sequence[str],
+    ) -> LodReport:
+        """Return the report of a tree that is in place."""
+        leaves = table.child_count == 0
+        splats = int(table.proxies[leaves].sum() + table.residents.sum())
+        errors = table.errors[~leaves]
+        return LodReport(
+            sources=tuple(str(each.path) for each in self.inputs),
+            target=str(tree_files.target),
+            prim_path=str(prim.GetPath()),
+            splats=splats,
+            degree=self.meeting.degree,
+            nodes=len(table),
+            leaves=int(leaves.sum()),
+            levels=int(table.depths().max()) + 1,
+            chunks=int(table.chunk.max()) + 1,
+            residents=int(table.residents.sum()),
+            size=sum(path.stat().st_size for path in tree_files.folder.iterdir()),
+            leaf_size=splats * (28 + 16 * harmonics_width(self.meeting.degree)),
+            pixel=self.meeting.pixel,
+            errors=(float(errors.min()), float(errors.max())) if len(errors) else (0.0, 0.0),
+            frame=self.meeting.frame,
+            axes=axes_text(placed, baked=False),
+            meters_per_unit=UsdGeom.GetStageMetersPerUnit(prim.GetStage()),
+            continued=self.folder.is_continued,
+            error_bounds=self._error_bounds(),
+            notes=tuple(notes),
+        )
+
+
+def _check(options: LodOptions) -> None:
+    """Raise an error for an option with an invalid value.
+
+    Raises:
+        UsageError: If there is one.
+    """
+    if not LEAST_LEAF <= options.leaf_splats <= NODE_SPLATS:
+        expected = f"{LEAST_LEAF} to {NODE_SPLATS}"
+        raise UsageError("leaf_splats", str(options.leaf_splats), expected)
+    if options.sh_degree is not None and not 0 <= options.sh_degree <= MAX_DEGREE:
+        raise UsageError("sh_degree", str(options.sh_degree), f"0 to {MAX_DEGREE}")
+    if options.pixel is not None and not 0 <= options.pixel < np.inf:
+        raise UsageError("pixel", f"{options.pixel:g}", "a size, or 0 for no low-pass")
+    if options.memory_limit < LEAST_MEMORY:
+        expected = f"{said_bytes(LEAST_MEMORY)} or more"
+        raise UsageError("memory_limit", said_bytes(options.memory_limit), expected)

@@ -1,0 +1,117 @@
+"""Measure the errors of a few nodes on their pictures, and estimate those of the others.
+
+The error of a node is the size of a pixel at which the picture of its proxies is good, compared
+with that of the leaves below it; see `pictures`. It is measured for a few nodes of each of the
+lowest levels. For the others it is proportional to the typical size of their proxies, by the factor
+of the measured nodes of the same level, or else of the highest measured level.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from usdsplat.core.cloud import F32, F64, I32, I64, SplatCloud
+from usdsplat.core.node_table import NodeTable
+from usdsplat.core.progress import Progress
+from usdsplat.interchange.lod import chunks, levels
+from usdsplat.interchange.lod.chunks import chunk_name, joined, read_chunk
+from usdsplat.interchange.lod.pictures import Comparison, Pair
+from usdsplat.interchange.lod.sources import splat_bytes
+from usdsplat.interchange.lod.tables import heights, nested
+from usdsplat.kernels.device import Device
+
+_Load = Callable[[int], SplatCloud]
+MEASURED = (4, 2, 1)
+"""Number of nodes that are measured with leaves at most 1, 2, 3 levels below."""
+MOST_SPLATS, MOST_BYTES = 600_000, 96 << 20
+"""Nodes with more splats below, or larger ones, are not measured, because of time and memory."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class ErrorMeter:
+    """Measure of the errors of the nodes of a tree."""
+
+    table: NodeTable
+    sizes: F64
+    """Typical size of the proxies of each node [unit], shape (n,)."""
+    folder: Path
+    """Folder of the chunks."""
+    degree: int
+    """Degree of the harmonics."""
+    pixel: float
+    """Size of the pixel of the baked low-pass [unit]; 0 for none."""
+    device: Device
+
+    def errors(self, progress: Progress) -> F32:
+        """Return the errors of all nodes [unit], 0 for leaves, shape (n,)."""
+        above = heights(self.table)
+        factors = self._factors(above, progress)
+        height = np.clip(above - 1, 0, len(factors) - 1)
+        return nested(np.where(above > 0, factors[height] * self.sizes, 0.0), self.table)
+
+    def _factors(self, above: I32, progress: Progress) -> F64:
+        """Return errors relative to typical sizes for nodes of the height 1, 2, ..."""
+        below, few = splats_below(self.table), MOST_BYTES // splat_bytes(self.degree)
+        is_fit = (below <= min(few, MOST_SPLATS)) & (self.sizes > 0)
+        asked = [
+            (height, node)
+            for height, most in enumerate(MEASURED, 1)
+            for node in _spread(np.flatnonzero((above == height) & is_fit), most)
+        ]
+        comparison, load = Comparison(self.device), lru_cache(maxsize=2)(self._chunk)
+        found: list[list[float]] = [[] for _ in MEASURED]
+        for done, (height, node) in enumerate(asked):
+            progress.step("measuring errors", done, len(asked))
+            pair = Pair(node=self._splats(node, load), leaves=self._leaves(node, load))
+            error = comparison.error(pair, self.sizes[node])
+            found[height - 1].append(error / self.sizes[node])
+        progress.step("measuring errors", len(asked), len(asked))
+        means = [float(np.exp(np.mean(np.log(each)))) for each in found if each]
+        return np.array(means or [1.0])
+
+    def _leaves(self, node: int, load: _Load) -> SplatCloud:
+        """Return what is drawn of a node if all below it is refined, with the baked low-pass."""
+        table, parts, waiting = self.table, [], [node]
+        while waiting:
+            here = waiting.pop()
+            count = int(table.child_count[here])
+            if count == 0:
+                parts.append(levels.baked(self._splats(here, load), self.pixel))
+                continue
+            own = self._splats(here, load)
+            parts.append(chunks.rows(own, int(table.proxies[here]), len(own)))
+            first = int(table.first_child[here])
+            waiting.extend(range(first, first + count))
+        return joined(parts)
+
+    def _splats(self, node: int, load: _Load) -> SplatCloud:
+        """Return the proxies and residents of a node."""
+        table, first = self.table, int(self.table.first_row[node])
+        count = int(table.proxies[node] + table.residents[node])
+        return chunks.rows(load(int(table.chunk[node])), first, first + count)
+
+    def _chunk(self, number: int) -> SplatCloud:
+        """Return the splats of a chunk."""
+        return read_chunk(self.folder / chunk_name(number))
+
+
+def splats_below(table: NodeTable) -> I64:
+    """Return the number of splats of the leaves below each node, its own for a leaf, shape (n,)."""
+    parents = table.parents()
+    found = np.where(table.child_count == 0, table.proxies, 0).astype(np.int64)
+    for node in range(len(table) - 1, 0, -1):
+        found[parents[node]] += found[node]
+    return found
+
+
+def _spread(nodes: I64, most: int) -> list[int]:
+    """Return at most `most` of the nodes, evenly spread."""
+    if not len(nodes):
+        return []
+    places = np.linspace(0, len(nodes) - 1, min(most, len(nodes)))
+    return [int(nodes[int(place)]) for place in places]

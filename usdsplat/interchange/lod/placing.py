@@ -1,0 +1,85 @@
+"""Name the files of a tree, and put them in place together."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+from pxr import Sdf
+
+from usdsplat.core.errors import OutputError, UsageError
+from usdsplat.core.output import output_file, output_group
+from usdsplat.interchange import files
+from usdsplat.schema.usd_files import is_whole_usd, write_copy
+
+_OURS = re.compile(r"\d{4,}\.usdc")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TreeFiles:
+    """The files of a tree: `city.usda`, and its chunks in the folder `city_chunks`."""
+
+    target: Path
+    folder: Path
+
+    @classmethod
+    def of(cls, target: Path, inputs: Iterable[Path]) -> TreeFiles:
+        """Return the files of a tree after checking that they can be written.
+
+        Args:
+            target: File of the tree.
+            inputs: Files that are read.
+
+        Raises:
+            UnknownFormatError: If the target is not a USD file.
+            UsageError: If it is a package, which cannot refer to a folder.
+            OutputError: If there is no folder for the target, a file would replace an input, or the
+                folder of the chunks exists with other content.
+        """
+        files.check_suffix(target)
+        if target.suffix.lower() == ".usdz":
+            raise UsageError("OUT", f"{target}, a package", "a .usd, .usda or .usdc file")
+        final = Path(os.path.realpath(target))
+        if not final.parent.is_dir():
+            raise OutputError(str(target), f"no folder {final.parent}", "an existing folder")
+        folder = final.with_name(f"{target.stem}_chunks")
+        known = list(inputs)
+        files.check_not_input(target, known)
+        for path in known:
+            if folder in Path(os.path.realpath(path)).parents:
+                raise OutputError(str(folder), f"{path.name}, which is being read", "another name")
+        if os.path.lexists(folder):
+            is_folder = folder.is_dir() and not folder.is_symlink()
+            if not is_folder or not all(_OURS.fullmatch(name) for name in os.listdir(folder)):
+                found = "something that is not a folder of chunks"
+                raise OutputError(str(folder), found, "earlier chunks or nothing")
+        return cls(target=target, folder=folder)
+
+    def asset(self, name: str) -> str:
+        """Return the path of a chunk as the tree refers to it."""
+        return f"./{self.folder.name}/{name}"
+
+    def place(self, layer: Sdf.Layer, chunks: Iterable[Path]) -> None:
+        """Write the layer of the tree, and put it and its chunks in place of earlier ones.
+
+        Args:
+            layer: The layer, which is not modified.
+            chunks: Finished chunks; they may be gone afterwards.
+
+        Raises:
+            OutputError: If a file cannot be written.
+        """
+        with output_group() as group, output_file(self.target, is_whole=is_whole_usd) as output:
+            write_copy(layer, output)
+            made = output.path.parent / self.folder.name
+            made.mkdir()
+            for chunk in chunks:
+                try:
+                    (made / chunk.name).hardlink_to(chunk)
+                except OSError:  # a file system without links
+                    shutil.move(chunk, made / chunk.name)
+            group.place_folder(made, self.folder)

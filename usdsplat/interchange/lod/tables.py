@@ -1,0 +1,80 @@
+"""Assemble the table of a tree from what is known of the nodes of its chunks."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from usdsplat.core.cloud import F32, F64, I32
+from usdsplat.core.node_table import NESTED, NodeTable
+from usdsplat.interchange.lod.chunks import ChunkNodes, chunk_name, read_nodes
+from usdsplat.interchange.lod.nodes import chunk_numbers
+from usdsplat.interchange.lod.partition import Branch
+
+
+def assemble(root: Branch, folder: Path) -> tuple[NodeTable, F64]:
+    """Return the table with the errors 0 for leaves and 1 for inner nodes, and typical sizes.
+
+    Args:
+        root: The tree.
+        folder: Folder of its chunks.
+
+    Returns:
+        The table, and the typical size of the proxies of each node [unit], 0 for a leaf, shape
+        (n,).
+    """
+    branches, numbers = root.breadth_first(), chunk_numbers(root)
+    top = read_nodes(folder / chunk_name(0))
+    above = len(top.proxies) - 1  # nodes of the chain above the root of the branches
+    found: list[ChunkNodes] = [top]
+    chunk = [0] * (above + 1)
+    children = [1] * above + [len(branch.children) for branch in branches]
+    for branch in branches:
+        if branch.children:
+            found.append(read_nodes(folder / chunk_name(numbers[id(branch)])))
+            chunk += [numbers[id(branch)]] * len(branch.children)
+    counts = np.array(children, np.int32)
+    first = np.where(counts > 0, 1 + np.cumsum(counts) - counts, 0).astype(np.int32)
+    sizes = np.concatenate([each.sizes for each in found])
+    table = NodeTable(
+        low=_rounded(np.concatenate([each.low for each in found]), -np.inf),
+        high=_rounded(np.concatenate([each.high for each in found]), np.inf),
+        errors=np.where(counts > 0, 1, 0).astype(np.float32),
+        first_child=first,
+        child_count=counts,
+        chunk=np.array(chunk, np.int32),
+        first_row=np.concatenate([each.first_rows for each in found]),
+        proxies=np.concatenate([each.proxies for each in found]),
+        residents=np.concatenate([each.residents for each in found]),
+    )
+    return table, sizes
+
+
+def heights(table: NodeTable) -> I32:
+    """Return the number of levels below each node, 0 for a leaf, shape (n,)."""
+    parents, found = table.parents(), np.zeros(len(table), np.int32)
+    for node in range(len(table) - 1, 0, -1):  # a node comes after its parent
+        found[parents[node]] = max(found[parents[node]], found[node] + 1)
+    return found
+
+
+def nested(errors: F64, table: NodeTable) -> F32:
+    """Return errors of which each is at least NESTED times those of the node's children, and above
+    0 for an inner node."""
+    parents, found = table.parents(), errors.astype(np.float64)
+    smallest = np.finfo(np.float32).tiny
+    for node in range(len(table) - 1, -1, -1):
+        if table.child_count[node]:
+            found[node] = max(found[node], smallest)
+        if node:
+            least = NESTED * (1 + 1e-6) * found[node]
+            found[parents[node]] = max(found[parents[node]], least)
+    return found.astype(np.float32)
+
+
+def _rounded(corners: F64, away: float) -> F32:
+    """Return single precision, rounded outwards."""
+    near = corners.astype(np.float32)
+    inside = near > corners if away < 0 else near < corners
+    return np.where(inside, np.nextafter(near, np.float32(away)), near).astype(np.float32)
