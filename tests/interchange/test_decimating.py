@@ -7,13 +7,14 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from benchmarks.decimation import at_random, picture, psnr, views
+from benchmarks import minification
+from benchmarks.decimation import at_random, picture, psnr, thinner, views
 from tests.formats.samples import random_cloud
 from tests.interchange.samples import assert_same
 from usdsplat import formats
 from usdsplat.core import edit
 from usdsplat.core.errors import UsageError
-from usdsplat.interchange.decimating import decimate, framing_pixel, level
+from usdsplat.interchange.decimating import FAR_LINES, decimate, framing_pixel, level
 from usdsplat.kernels.devices import open_device
 from usdsplat.render.renderer import Renderer
 
@@ -172,8 +173,9 @@ def widened(cloud, variance):
 
 def test_a_level_is_merged_from_widened_splats() -> None:
     """Oracle: decimation of splats to whose variances 0.3 pixel^2 was added by hand; where nothing
-    is merged, they are these splats."""
+    is merged, they are these splats. Nothing here becomes opaque."""
     cloud = named(800)
+    cloud.opacities[:] = 0.02 * cloud.opacities + 0.004
     by_hand = widened(cloud, 0.3 * 0.2**2)
     assert level(cloud, 800) is cloud
     for count in (800, 200):
@@ -187,8 +189,9 @@ def test_a_level_is_merged_from_widened_splats() -> None:
 
 def test_decimation_at_a_pixel_removes_its_low_pass() -> None:
     """Oracle: the level for this pixel, whose merged splats have 0.3 pixel^2 more along every axis;
-    splats that were not merged are as they were."""
+    splats that were not merged are as they were. Nothing here becomes opaque."""
     cloud = named(800)
+    cloud.opacities[:] = 0.02 * cloud.opacities + 0.004
     found, wide = decimate(cloud, 500, pixel=0.2), level(cloud, 500, pixel=0.2)
     again = widened(found, 0.3 * 0.2**2)
     np.testing.assert_allclose(
@@ -286,3 +289,40 @@ def test_a_quarter_looks_like_all(data) -> None:
         whole = picture(renderer, cloud, view)
         ours, chance = (psnr(picture(renderer, each, view), whole) for each in (some, any_))
         assert ours >= 26 and ours >= chance + 5, (ours, chance)
+
+
+def test_thin_splats_are_merged_as_classic_pictures_show_them(data) -> None:
+    """Oracle: the undecimated capture's picture through two reference cameras; merged without the
+    low-pass, which makes up most of what pictures show of thin splats, they are 2 dB worse."""
+    cloud = thinner(formats.read(data / "splats" / "playbot_lod2.sog").cloud)
+    renderer = Renderer(open_device())
+    count = len(cloud) // 4
+    some, plain = decimate(cloud, count, pixel=framing_pixel(cloud)), decimate(cloud, count)
+    for view in views("playbot_lod2.sog"):
+        whole = picture(renderer, cloud, view)
+        ours, without = (psnr(picture(renderer, each, view), whole) for each in (some, plain))
+        assert ours >= without + 2, (ours, without)
+
+
+@pytest.mark.parametrize("distance", [4, 8])
+def test_levels_look_from_afar_like_the_mean_of_what_is_seen_close(data, distance) -> None:
+    """Oracle: the mean of the classic picture at so many times the resolution, of which a level
+    with a quarter of the splats is at least 3 dB nearer than the whole capture and a plain quarter,
+    and 27.5 dB near (benchmarks.minification has larger captures)."""
+    cloud = formats.read(data / "splats" / "playbot_lod3.sog").cloud
+    where, renderer, count = (
+        minification.Framing.of(cloud),
+        Renderer(open_device()),
+        len(cloud) // 4,
+    )
+
+    def noise(some, mode, scale):
+        drawn = minification.pictures(renderer, some, where, distance, mode, scale)
+        return min(map(minification.psnr, drawn, truth))
+
+    truth = minification.pictures(renderer, cloud, where, distance, "classic", distance)
+    plain = decimate(cloud, count)
+    coarse = level(cloud, count, pixel=framing_pixel(cloud, FAR_LINES))
+    peers = [noise(each, mode, 1) for each in (cloud, plain) for mode in ("classic", "antialiased")]
+    ours = noise(coarse, "antialiased", 4)
+    assert ours >= max(peers) + 3 and ours >= 27.5, (ours, peers)

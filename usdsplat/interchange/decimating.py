@@ -39,12 +39,15 @@ LOW_PASS = 0.3
 """Variance that classic pictures add to every splat [pixel^2]."""
 LINES = 600
 """Lines of the picture for which classic captures are decimated."""
-FAR_LINES = 360
+FAR_LINES = 400
 """Lines of the picture whose mean the levels of classic captures are made to look like."""
 FRAMED = 0.95
 """Fraction of opacity times area that a picture of a capture shows."""
 ACROSS = 1080
 """Largest height of what such a picture shows, in middle axes of the median splat."""
+GROWTH = 0.65
+"""Part, by its logarithm, of the mass of a level's splat in excess of its largest opacity that
+makes it larger: levels overlap more than captures, so more is hidden by a third splat."""
 BY_COLOR, BY_OPACITY = 1.6, 1.0
 """Weights of squared differences of harmonics and of opacity, relative to shape [nat]."""
 
@@ -88,8 +91,8 @@ def decimate(
     _check(count, pixel)
     if len(cloud) <= count:
         return cloud
-    blur = _low_pass(pixel)
-    return _merged(cloud, count, blur, kernels.OPAQUE, progress, device).cloud()
+    means = _Means(blur=_low_pass(pixel), peak=kernels.OPAQUE, growth=1.0)
+    return _merged(cloud, count, means, progress, device).cloud()
 
 
 def level(
@@ -122,10 +125,10 @@ def level(
         UsageError: If `count` is less than 1, or `pixel` is negative or not finite.
     """
     _check(count, pixel)
-    blur = _low_pass(pixel)
+    means = _Means(blur=_low_pass(pixel), peak=peak, growth=GROWTH)
     if len(cloud) <= count:
-        return _widened(cloud, blur)
-    return _merged(cloud, count, blur, peak, progress, device).cloud(widened=True)
+        return _widened(cloud, means.blur)
+    return _merged(cloud, count, means, progress, device).cloud(widened=True)
 
 
 def framing_pixel(cloud: SplatCloud, lines: int = LINES) -> float:
@@ -172,17 +175,22 @@ def _widened(cloud: SplatCloud, blur: float) -> SplatCloud:
     return replace(cloud, scales=np.hypot(cloud.scales, math.sqrt(blur)).astype(np.float32))
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Means:
+    """How pairs are merged: the variance added to every splat [unit^2], and `peak` and `growth` of
+    `kernels.merge`."""
+
+    blur: float
+    peak: float
+    growth: float
+
+
 def _merged(
-    cloud: SplatCloud,
-    count: int,
-    blur: float,
-    peak: float,
-    progress: Progress,
-    device: Device | None,
+    cloud: SplatCloud, count: int, means: _Means, progress: Progress, device: Device | None
 ) -> _Splats:
     """Merge the cheapest pairs of the shown splats, round by round."""
     cloud = _shown(edit.prune(cloud), count)
-    splats = _Splats.of(cloud, blur, peak, device or open_device(task="geometry"))
+    splats = _Splats.of(cloud, means, device or open_device(task="geometry"))
     total = max(len(cloud) - count, 0)
     searched, fresh, stalled = 0, False, False  # splats at the last search; whether it is the last
     while len(splats.rows) > count:
@@ -226,8 +234,7 @@ class _Splats:
     sh: F32
     velocities: F32
     merged: npt.NDArray[np.bool_]
-    blur: float
-    peak: float
+    means: _Means
     weights: F64
     near: I32
     costs: F32
@@ -235,7 +242,7 @@ class _Splats:
     mates: I32
 
     @classmethod
-    def of(cls, cloud: SplatCloud, blur: float, peak: float, device: Device) -> _Splats:
+    def of(cls, cloud: SplatCloud, means: _Means, device: Device) -> _Splats:
         """Create the state for a cloud, whose arrays are not modified."""
         n = len(cloud)
         codes = morton.codes(cloud.positions)
@@ -257,8 +264,7 @@ class _Splats:
             sh=cloud.sh.reshape(n, -1).copy(),
             velocities=still if cloud.velocities is None else cloud.velocities.copy(),
             merged=np.zeros(n, np.bool_),
-            blur=blur,
-            peak=peak,
+            means=means,
             weights=np.array([BY_COLOR, BY_OPACITY, 1.0]),
             near=device.empty((n, NEIGHBORS), np.int32),
             costs=device.empty((n, NEIGHBORS), np.float32),
@@ -266,7 +272,7 @@ class _Splats:
             mates=np.full(n, -1, np.int32),
         )
         device.run(
-            kernels.weigh, cloud.scales, cloud.rotations, cloud.opacities, blur,
+            kernels.weigh, cloud.scales, cloud.rotations, cloud.opacities, means.blur,
             splats.covariances, splats.masses, splats.volumes,
         )  # fmt: skip
         typical = float(splats.masses.mean()) if n else 0.0
@@ -313,8 +319,8 @@ class _Splats:
         found = int(self.device.run(kernels.match, order, self.near, wanted, taken, pairs))
         self.mates[:] = -1
         self.device.run(
-            kernels.merge, pairs[:found], self.peak, *self._values(), self.velocities, self.merged,
-            self.heirs, self.mates,
+            kernels.merge, pairs[:found], self.means.peak, self.means.growth, *self._values(),
+            self.velocities, self.merged, self.heirs, self.mates,
         )  # fmt: skip
         self.rows = self.rows[self.heirs[self.rows] < 0]
         return found
@@ -327,8 +333,8 @@ class _Splats:
             rows = rows[np.argsort(self.order[rows])]
         kept = edit.take(self.before, rows)
         if widened:
-            kept = _widened(kept, self.blur)
-        removed = 0.0 if widened else self.blur
+            kept = _widened(kept, self.means.blur)
+        removed = 0.0 if widened else self.means.blur
         changed = np.flatnonzero(self.merged[rows])
         for first in range(0, len(changed), _CHUNK):
             some = changed[first : first + _CHUNK]

@@ -224,6 +224,9 @@ def test_no_splat_is_in_two_pairs() -> None:
     assert matched([1, 0, 3, 2, 5, 4], 2) == [[0, 1], [2, 3]]
 
 
+GROWTH = 0.7
+
+
 def merged(cloud, velocities=None, peak=pairs.OPAQUE):
     """The first two rows of a cloud as one: changed arrays, and the rows that are gone."""
     n = len(cloud)
@@ -234,8 +237,8 @@ def merged(cloud, velocities=None, peak=pairs.OPAQUE):
     other = np.zeros(n, np.bool_)
     heirs, mates = np.full(n, -1, np.int32), np.full(n, -1, np.int32)
     open_device().run(
-        pairs.merge, np.array([[0, 1]], np.int32), peak, positions, covariances, masses, volumes,
-        opacities, sh, velocities, other, heirs, mates,
+        pairs.merge, np.array([[0, 1]], np.int32), peak, GROWTH, positions, covariances, masses,
+        volumes, opacities, sh, velocities, other, heirs, mates,
     )  # fmt: skip
     gone = heirs >= 0
     assert other.sum() == 1 and not (other & gone).any()
@@ -282,7 +285,7 @@ def test_what_would_be_more_than_opaque_grows_or_gets_a_flat_top(peak) -> None:
     most = peak if peak <= 1 else 1 + math.log(peak)
     opacity, grow = math.exp(dense - 1), 1.0
     if dense > most:
-        opacity, grow = peak, (dense / most) ** pairs.GROWTH
+        opacity, grow = peak, (dense / most) ** GROWTH
     assert gone.tolist() == [False, True]
     assert found[4] == pytest.approx(opacity, rel=1e-5)
     np.testing.assert_allclose(found[1][[0, 3, 5]], grow * 0.01, rtol=1e-4)

@@ -19,10 +19,7 @@ from usdsplat.kernels.launch import kernel
 
 OPAQUE = 0.999
 """Largest opacity that most formats can store, and pictures draw."""
-GROWTH = 0.65
-"""Part, by its logarithm, of the mass in excess of the largest opacity that makes a merged splat
-larger. The other part is assumed to be hidden behind it."""
-SOFTNESS = 0.03
+SOFTNESS = 0.003
 """Fraction of a splat's size, squared, by which it is blurred before shapes are compared.
 
 How thin a splat is does not matter to pictures once it is thin.
@@ -349,8 +346,8 @@ def match(order, near, most, taken, pairs):
     ),
 )  # fmt: skip
 def merge(
-    p, pairs, peak, positions, covariances, masses, volumes, opacities, sh, velocities, merged,
-    heirs, mates,
+    p, pairs, peak, growth, positions, covariances, masses, volumes, opacities, sh, velocities,
+    merged, heirs, mates,
 ):  # fmt: skip
     """Write each merged pair to the row of its heavier splat, or to the lower row if they are
     equally heavy.
@@ -358,6 +355,8 @@ def merge(
     Args:
         pairs: Rows, (p, 2) i32, each at most once.
         peak: Largest opacity of a merged splat, float64.
+        growth: Part, by its logarithm, of the mass in excess of this opacity that makes the splat
+            larger, float64. The other part is assumed to be hidden behind it.
         positions, covariances, masses, volumes, opacities, sh: Values of all rows; changed in
             place.
         velocities: Values of all rows, (n, 3) f32, or (n, 0); changed in place.
@@ -384,7 +383,7 @@ def merge(
         velocities[i, a] = part * velocities[i, a] + (1 - part) * velocities[j, a]
     dense, most = shown / area(xx, xy, xz, yy, yz, zz), solid(peak)
     if dense > most:
-        grow = (dense / most) ** GROWTH
+        grow = (dense / most) ** growth
         xx, xy, xz, yy, yz, zz = (
             grow * xx, grow * xy, grow * xz, grow * yy, grow * yz, grow * zz
         )  # fmt: skip
