@@ -1,16 +1,23 @@
 """Measure how well captures, and levels made from them, are drawn from afar.
 
-    python -m benchmarks.minification [CAPTURE ...]
+    python -m benchmarks.minification [--size WIDTHxHEIGHT] [CAPTURE ...]
 
 At k times the framing distance a picture should look like the mean of what is seen close: the
 classic picture at k times the resolution, averaged over k x k pixels in the display space, in which
 splats are blended. Cells are dB against this mean over the pixels that it shows, the least of three
-views around the capture. "4x4" draws sixteen samples a pixel, with the low-pass at their size.
+views around the capture, and the time of all views. "4x4" draws sixteen samples a pixel, with the
+low-pass at their size.
+
+A plain part is decimated as it is. Levels are made by `decimating.level`, each from the next finer
+one, with the low-pass of the default pixel, of half and of twice its size; "peak 2" allows
+opacities up to 2. The last row is the gain of the best level over the best of whole captures and
+the plain quarter with one sample a pixel.
 """
 
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -21,24 +28,25 @@ from benchmarks.report import Report
 from benchmarks.scenes import CAPTURES, DATA, scene_of, view_of
 from usdsplat import formats
 from usdsplat.core.cloud import F32, F64, SplatCloud
-from usdsplat.interchange.decimating import decimate
+from usdsplat.interchange.decimating import FAR_LINES, decimate, framing_pixel, level
 from usdsplat.kernels.devices import open_device
+from usdsplat.kernels.thinning.pairs import OPAQUE
 from usdsplat.render.renderer import Renderer
 from usdsplat.render.settings import RenderSettings
 from usdsplat.render.specs import RasterizeMode, View
 
 SIZE = (320, 240)
-DISTANCES = (1, 2, 4, 8)
+DISTANCES = (1, 2, 4, 8, 16)
+LARGEST = 5120
+"""Largest width of a picture [pixel]; distances that need a larger one are left out."""
 TURNS = (0.4, 2.5, 4.6)
 """Azimuths of the views [radian]."""
 SAMPLES = 4
 """Samples of a pixel along an axis, of the supersampled pictures."""
-WAYS: tuple[tuple[RasterizeMode, int], ...] = (
-    ("classic", 1), ("antialiased", 1), ("antialiased", SAMPLES),
-)  # fmt: skip
-"""Rasterize mode, and samples of a pixel along an axis."""
 VISIBLE = 1 / 255
 """Opacity from which on a pixel is seen."""
+FINE = ("level 1/4", "level 1/16")
+"""The levels of which the best counts."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,9 +68,9 @@ class Framing:
         share = np.cumsum(weight[order]) / weight.sum()
         return cls(center, float(reach[order][np.searchsorted(share, 0.95)]))
 
-    def views(self, distance: float, scale: int) -> Iterator[View]:
-        """Yield the views from a multiple of the framing distance, at `scale` times SIZE."""
-        size = (SIZE[0] * scale, SIZE[1] * scale)
+    def views(self, distance: float, scale: int, frame: tuple[int, int] = SIZE) -> Iterator[View]:
+        """Yield the views from a multiple of the framing distance, at `scale` times a size."""
+        size = (frame[0] * scale, frame[1] * scale)
         focal = 1.2 * size[1]
         away = distance * self.radius * 2 * 1.2
         k = np.array([[focal, 0, size[0] / 2], [0, focal, size[1] / 2], [0, 0, 1]])
@@ -91,12 +99,13 @@ def pictures(
     distance: int,
     mode: RasterizeMode,
     scale: int,
+    size: tuple[int, int] = SIZE,
 ) -> list[F32]:
-    """Return one picture for each view, RGBA at SIZE, the mean of `scale` x `scale` samples."""
+    """Return one picture for each view, RGBA of a size, the mean of `scale` x `scale` samples."""
     settings = RenderSettings(sorting="zDepth", color_mode="display", rasterize_mode=mode)
     scene = scene_of(cloud)
     found = []
-    for view in where.views(distance, scale):
+    for view in where.views(distance, scale, size):
         bands = renderer.render(scene, view, settings, ("color",))
         found.append(mean(np.concatenate([band.arrays["color"].copy() for band in bands]), scale))
     return found
@@ -109,29 +118,93 @@ def psnr(found: F32, expected: F32) -> float:
     return float(-10 * np.log10(np.mean(error**2)))
 
 
+@dataclass(frozen=True, slots=True)
+class Way:
+    """Splats, and how they are drawn."""
+
+    label: str
+    cloud: SplatCloud
+    mode: RasterizeMode
+    scale: int
+    is_peer: bool = False
+    """Whether the gain of levels is measured against it."""
+
+
+def chain(cloud: SplatCloud, pixel: float, peak: float) -> Iterator[tuple[int, SplatCloud]]:
+    """Yield the levels with a quarter, a 16th and a 64th of the splats."""
+    some = cloud
+    for part in (4, 16, 64):
+        some = level(some, len(cloud) // part, pixel=pixel if part == 4 else 0.0, peak=peak)
+        yield part, some
+
+
+def ways(cloud: SplatCloud) -> Iterator[Way]:
+    """Yield the rows of a table."""
+    yield Way("whole", cloud, "classic", 1, True)
+    yield Way("whole", cloud, "antialiased", 1, True)
+    yield Way("whole", cloud, "antialiased", SAMPLES)
+    plain = decimate(cloud, len(cloud) // 4)
+    yield Way("plain 1/4", plain, "classic", 1, True)
+    yield Way("plain 1/4", plain, "antialiased", 1, True)
+    yield Way("plain 1/4", plain, "antialiased", SAMPLES)
+    pixel = framing_pixel(cloud, FAR_LINES)
+    for label, size, peak in (
+        ("", pixel, OPAQUE),
+        (", peak 2", pixel, 2.0),
+        (", half the pixel", pixel / 2, OPAQUE),
+        (", twice the pixel", pixel * 2, OPAQUE),
+    ):
+        for part, some in chain(cloud, size, peak):
+            yield Way(f"level 1/{part}{label}", some, "antialiased", SAMPLES)
+            if part == 4 and not label:
+                for scale in (1, 2, 8):
+                    yield Way(f"level 1/{part}", some, "antialiased", scale)
+
+
 def main(report: Report) -> None:
     """Print a table for each capture."""
+    names, size = list(report.arguments), SIZE
+    if names[:1] == ["--size"]:
+        width, height = names[1].split("x")
+        names, size = names[2:], (int(width), int(height))
     renderer = Renderer(open_device())
-    for name in report.arguments or CAPTURES:
+    for name in names or CAPTURES:
         cloud = formats.read(DATA / "splats" / name).cloud
         where = Framing.of(cloud)
-        levels = {"whole": cloud}
-        for part in (4, 16, 64):
-            levels[f"1/{part}"] = decimate(list(levels.values())[-1], len(cloud) // part)
-        table = Table(title=f"{name}: {len(cloud):,} splats, degree {cloud.sh_degree}")
-        for column in ("splats", "mode", *(f"{distance}x" for distance in DISTANCES)):
+        table = Table(
+            title=f"{name}: {len(cloud):,} splats, degree {cloud.sh_degree}, {size[0]}x{size[1]}",
+            caption=f"dB · s of all views; pixel {framing_pixel(cloud, FAR_LINES):.3g}, "
+            f"that of the picture at 1x {2 * where.radius / size[1]:.3g}",
+        )
+        distances = [k for k in DISTANCES if k * size[0] <= LARGEST]
+        for column in ("splats", "mode", *(f"{distance}x" for distance in distances)):
             table.add_column(column)
-        truth = {k: pictures(renderer, cloud, where, k, "classic", k) for k in DISTANCES}
-        for label, level in levels.items():
-            for mode, scale in WAYS:
-                cells = []
-                for k in DISTANCES:
-                    drawn = pictures(renderer, level, where, k, mode, scale)
-                    least = min(map(psnr, drawn, truth[k]))
-                    cells.append(f"{least:.1f}" if np.isfinite(least) else "–")
-                    report.add(scene=name, way=f"{label} {mode} {scale}", distance=k, db=least)
-                table.add_row(label, f"{mode} {scale}x{scale}", *cells)
-        report.show(table)
+        truth = {k: pictures(renderer, cloud, where, k, "classic", k, size) for k in distances}
+        peers, levels = dict.fromkeys(distances, -np.inf), dict.fromkeys(distances, -np.inf)
+        for way in ways(cloud):
+            cells = []
+            for k in distances:
+                start = time.perf_counter()
+                drawn = pictures(renderer, way.cloud, where, k, way.mode, way.scale, size)
+                spent = time.perf_counter() - start
+                least = min(map(psnr, drawn, truth[k]))
+                cells.append(f"{least:.1f} · {spent:.2f}" if np.isfinite(least) else "–")
+                best = peers if way.is_peer else levels
+                if way.is_peer or (way.label in FINE and way.scale == SAMPLES):
+                    best[k] = max(best[k], least)
+                report.add(
+                    scene=name,
+                    way=f"{way.label} {way.mode} {way.scale}",
+                    size=f"{size[0]}x{size[1]}",
+                    splats=len(way.cloud),
+                    distance=k,
+                    db=least,
+                    ms=1e3 * spent / len(drawn),
+                )
+            table.add_row(way.label, f"{way.mode} {way.scale}x{way.scale}", *cells)
+        gains = [f"{levels[k] - peers[k]:+.1f}" if k > 1 else "–" for k in distances]
+        table.add_row("best of the levels", "over best of the others", *gains)
+        report.show(table, 160)
 
 
 if __name__ == "__main__":

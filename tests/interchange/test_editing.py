@@ -12,6 +12,7 @@ from tests.interchange.samples import assert_same, covariances
 from usdsplat.core import sh
 from usdsplat.core.edits import Edit, parsed
 from usdsplat.core.errors import UsageError
+from usdsplat.interchange.decimating import decimate, framing_pixel
 from usdsplat.interchange.editing import bounds_after, edited, matrix_of
 
 CLOUD = random_cloud(200, 2)
@@ -121,6 +122,15 @@ def test_splats_that_are_not_finite_can_be_dropped() -> None:
 def test_a_cloud_is_decimated_to_a_count_or_a_share(typed, count) -> None:
     """Oracle: the number asked for, of 200."""
     assert len(after(f"decimate {typed}")) == count
+
+
+def test_classic_splats_are_decimated_as_their_pictures_show_them() -> None:
+    """Oracle: decimation at the framing pixel, and without one for an antialiased capture."""
+    for antialiased, pixel in ((False, framing_pixel(CLOUD)), (True, 0.0)):
+        steps = [parsed("decimate", "50")]
+        found, _ = edited(CLOUD, steps, antialiased=antialiased)
+        assert_same(found, decimate(CLOUD, 50, pixel=pixel))
+    assert framing_pixel(CLOUD) > 0
 
 
 def test_floaters_go() -> None:

@@ -6,6 +6,7 @@ partner of every splat among its nearest neighbours, and merges the cheapest of 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,17 +22,32 @@ from usdsplat.kernels.points.coincident import coincident
 from usdsplat.kernels.points.nearest import nearest
 from usdsplat.kernels.thinning import pairs as kernels
 
-NEIGHBORS = 8
+NEIGHBORS = 6
 """Number of nearest neighbours among which a splat's partner is searched."""
 FAINTEST = 1 / 255
 """Opacity below which renderers skip a splat."""
-ROUND = 0.25
+ROUND = 0.3
 """Maximum fraction of splats removed in a round: the rest may find better partners."""
+RENEWED = 0.3
+"""Fraction of the splats of the last search below which neighbours are searched again."""
 CROWD = 64
 """If more splats than this share a position, splats at equal positions are merged first."""
 STALLED = 0.02
 """A round that merges less than this fraction of the splats, although more are wanted, counts as
 stalled: too many splats share their neighbours."""
+LOW_PASS = 0.3
+"""Variance that classic pictures add to every splat [pixel^2]."""
+LINES = 600
+"""Lines of the picture for which classic captures are decimated."""
+FAR_LINES = 400
+"""Lines of the picture whose mean the levels of classic captures are made to look like."""
+FRAMED = 0.95
+"""Fraction of opacity times area that a picture of a capture shows."""
+ACROSS = 1080
+"""Largest height of what such a picture shows, in middle axes of the median splat."""
+GROWTH = 0.65
+"""Part, by its logarithm, of the mass of a level's splat in excess of its largest opacity that
+makes it larger: levels overlap more than captures, so more is hidden by a third splat."""
 BY_COLOR, BY_OPACITY = 1.6, 1.0
 """Weights of squared differences of harmonics and of opacity, relative to shape [nat]."""
 
@@ -44,43 +60,153 @@ def decimate(
     cloud: SplatCloud,
     count: int,
     *,
+    pixel: float = 0.0,
     progress: Progress = silent,
     device: Device | None = None,
 ) -> SplatCloud:
-    """Merge neighbours until `count` splats are left.
+    """Merge neighbours until `count` splats are left, for the same use as the cloud.
 
     A merged splat has the mean position, covariance, harmonics and velocity of both, weighted by
-    opacity times area. Its opacity preserves the sum of this product. It has the id and the
-    position in the order of the heavier one. Splats that are not merged stay unchanged. A cloud of
-    at most `count` splats is returned as it is. From a larger one, all splats with a number that is
-    not finite are removed first, so that fewer than `count` may remain, then the splats that are
-    too faint for any picture.
+    opacity times area. Its opacity preserves the sum of this product, without what the two hide of
+    each other. It has the id and the position in the order of the heavier one. Splats that are not
+    merged stay unchanged. A cloud of at most `count` splats is returned as it is. From a larger
+    one, all splats with a number that is not finite are removed first, so that fewer than `count`
+    may remain, then the splats that are too faint for any picture.
+
+    In classic mode, pictures show splats widened by a low-pass of 0.3 pixel^2, which adds most to
+    the visible area of thin ones. With `pixel`, splats are compared and merged as they look there,
+    and the low-pass is removed from the results: the cloud should then be drawn in classic mode.
 
     Args:
         cloud: Splats of any degree.
         count: Number of splats to keep, >= 1.
+        pixel: Size of a pixel at the splats [unit], >= 0; see `framing_pixel`. 0 for clouds that
+            are drawn antialiased.
         progress: Receives the number of removed splats after each round.
         device: Device; None for the fastest one.
 
     Raises:
-        UsageError: If `count` is less than 1.
+        UsageError: If `count` is less than 1, or `pixel` is negative or not finite.
     """
-    if count < 1:
-        raise UsageError("decimation", f"{count} splats", "1 or more")
+    _check(count, pixel)
     if len(cloud) <= count:
         return cloud
+    means = _Means(blur=_low_pass(pixel), peak=kernels.OPAQUE, growth=1.0)
+    return _merged(cloud, count, means, progress, device).cloud()
+
+
+def level(
+    cloud: SplatCloud,
+    count: int,
+    *,
+    pixel: float = 0.0,
+    peak: float = kernels.OPAQUE,
+    progress: Progress = silent,
+    device: Device | None = None,
+) -> SplatCloud:
+    """Return splats that look from afar like the mean of what `cloud` shows close by.
+
+    They are to be drawn antialiased. Close by, a classic capture is seen with a low-pass of 0.3
+    pixel^2, so this is added to the covariance of every splat, and it gets smaller from afar as the
+    splat does. Then neighbours are merged as in `decimate`. For the next coarser level, decimate
+    the result with `pixel` 0.
+
+    Args:
+        cloud: Splats of any degree.
+        count: Largest number of splats to return, >= 1.
+        pixel: Size of the pixel [unit], >= 0, at which a classic capture is seen close by; see
+            `framing_pixel`. 0 for an antialiased capture, or a level.
+        peak: Largest opacity of a merged splat, > 0. Above 1, pictures draw it with a flat top,
+            which is closer to the splats that it stands for, but few formats can store it.
+        progress: Receives the number of removed splats after each round.
+        device: Device; None for the fastest one.
+
+    Raises:
+        UsageError: If `count` is less than 1, or `pixel` is negative or not finite.
+    """
+    _check(count, pixel)
+    means = _Means(blur=_low_pass(pixel), peak=peak, growth=GROWTH)
+    if len(cloud) <= count:
+        return _widened(cloud, means.blur)
+    return _merged(cloud, count, means, progress, device).cloud(widened=True)
+
+
+def framing_pixel(cloud: SplatCloud, lines: int = LINES) -> float:
+    """Return the size of a pixel of a picture that frames a capture [unit].
+
+    The picture frames the sphere that holds FRAMED of the capture's weight, or a part of it that is
+    ACROSS typical splats high if this is less: large scenes are seen in parts. Only splats with
+    finite numbers count; 0 if they have no weight.
+
+    Args:
+        cloud: The capture.
+        lines: Height of the picture [pixel].
+    """
+    middle = np.median(cloud.scales.astype(np.float64), axis=1)
+    weight = cloud.opacities * middle * cloud.scales.max(axis=1, initial=0.0)
+    sound = np.flatnonzero(np.isfinite(cloud.positions).all(axis=1) & np.isfinite(weight))
+    if not len(sound) or not weight[sound].sum() > 0:
+        return 0.0
+    middle, weight, points = middle[sound], weight[sound], cloud.positions[sound].astype(np.float64)
+    weight = np.minimum(weight, np.quantile(weight, 0.99))
+    reach = np.linalg.norm(points - np.average(points, axis=0, weights=weight), axis=1)
+    order = np.argsort(reach)
+    share = np.cumsum(weight[order])
+    radius = reach[order][np.searchsorted(share, FRAMED * share[-1])]
+    return float(min(2 * radius, ACROSS * np.median(middle)) / lines)
+
+
+def _check(count: int, pixel: float) -> None:
+    if count < 1:
+        raise UsageError("decimation", f"{count} splats", "1 or more")
+    if not (math.isfinite(pixel) and pixel >= 0):
+        raise UsageError("decimation", f"a pixel of size {pixel:g}", "a finite size, 0 or more")
+
+
+def _low_pass(pixel: float) -> float:
+    """Return the variance of the low-pass of classic pictures [unit^2]."""
+    return LOW_PASS * pixel * pixel
+
+
+def _widened(cloud: SplatCloud, blur: float) -> SplatCloud:
+    """Add a variance along every axis of every splat."""
+    if blur == 0:
+        return cloud
+    return replace(cloud, scales=np.hypot(cloud.scales, math.sqrt(blur)).astype(np.float32))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Means:
+    """How pairs are merged: the variance added to every splat [unit^2], and `peak` and `growth` of
+    `kernels.merge`."""
+
+    blur: float
+    peak: float
+    growth: float
+
+
+def _merged(
+    cloud: SplatCloud, count: int, means: _Means, progress: Progress, device: Device | None
+) -> _Splats:
+    """Merge the cheapest pairs of the shown splats, round by round."""
     cloud = _shown(edit.prune(cloud), count)
-    splats = _Splats.of(cloud, device or open_device(task="geometry"))
+    splats = _Splats.of(cloud, means, device or open_device(task="geometry"))
     total = max(len(cloud) - count, 0)
-    stalled = False
+    searched, fresh, stalled = 0, False, False  # splats at the last search; whether it is the last
     while len(splats.rows) > count:
         here = len(splats.rows)
         progress.step(_LABEL, len(cloud) - here, total)
+        if stalled or here < RENEWED * searched or not searched:
+            fresh = splats.search(fresh and stalled)
+            searched = here if fresh else 0
+        else:
+            splats.follow()
+            fresh = False
         wanted = min(here - count, max(1, int(ROUND * here)))
-        found = splats.merge(splats.candidates(stalled), wanted)
+        found = splats.merge(wanted)
         stalled = found < min(wanted, STALLED * here)
     progress.step(_LABEL, total, total)
-    return splats.cloud()
+    return splats
 
 
 def _shown(cloud: SplatCloud, count: int) -> SplatCloud:
@@ -93,10 +219,12 @@ def _shown(cloud: SplatCloud, count: int) -> SplatCloud:
 
 @dataclass(slots=True, eq=False, kw_only=True)
 class _Splats:
-    """State of a decimation: arrays of all original splats, and the remaining rows."""
+    """State of a decimation: arrays of all original splats in Morton order, and the remaining
+    rows."""
 
     device: Device
     before: SplatCloud
+    order: npt.NDArray[np.intp] | None
     rows: I32
     positions: F32
     covariances: F64
@@ -106,15 +234,27 @@ class _Splats:
     sh: F32
     velocities: F32
     merged: npt.NDArray[np.bool_]
+    means: _Means
+    weights: F64
+    near: I32
+    costs: F32
+    heirs: I32
+    mates: I32
 
     @classmethod
-    def of(cls, cloud: SplatCloud, device: Device) -> _Splats:
+    def of(cls, cloud: SplatCloud, means: _Means, device: Device) -> _Splats:
         """Create the state for a cloud, whose arrays are not modified."""
         n = len(cloud)
+        codes = morton.codes(cloud.positions)
+        order = None
+        if (codes[1:] < codes[:-1]).any():
+            order = np.argsort(codes, kind="stable")
+            cloud = edit.take(cloud, order)
         still = np.empty((n, 0), np.float32)
         splats = cls(
             device=device,
             before=cloud,
+            order=order,
             rows=np.arange(n, dtype=np.int32),
             positions=cloud.positions.copy(),
             covariances=device.empty((n, 6), np.float64),
@@ -124,65 +264,97 @@ class _Splats:
             sh=cloud.sh.reshape(n, -1).copy(),
             velocities=still if cloud.velocities is None else cloud.velocities.copy(),
             merged=np.zeros(n, np.bool_),
+            means=means,
+            weights=np.array([BY_COLOR, BY_OPACITY, 1.0]),
+            near=device.empty((n, NEIGHBORS), np.int32),
+            costs=device.empty((n, NEIGHBORS), np.float32),
+            heirs=np.full(n, -1, np.int32),
+            mates=np.full(n, -1, np.int32),
         )
         device.run(
-            kernels.weigh, cloud.scales, cloud.rotations, cloud.opacities, splats.covariances,
-            splats.masses, splats.volumes,
+            kernels.weigh, cloud.scales, cloud.rotations, cloud.opacities, means.blur,
+            splats.covariances, splats.masses, splats.volumes,
         )  # fmt: skip
+        typical = float(splats.masses.mean()) if n else 0.0
+        if np.isfinite(typical) and typical > 0:
+            splats.weights[2] = typical**-0.75
         return splats
 
-    def candidates(self, stalled: bool) -> I32:
-        """Return candidate partners of each remaining splat as indices into `rows`, shape (m, k).
+    def search(self, again: bool) -> bool:
+        """Find candidate partners of each remaining splat.
 
         These are the nearest neighbours, with two exceptions. If many splats share a position, the
-        candidates are other splats at the same position. If the last round stalled, they are the
-        splats before and after in Morton order.
+        candidates are other splats at the same position. If they were searched `again` in vain,
+        they are the splats before and after in Morton order. Return whether there was no exception.
         """
         points = self.positions[self.rows]
         order, ranks = coincident(points)
-        if ranks.max() >= CROWD:
-            return _beside(order, np.flatnonzero(ranks))
-        if stalled:
-            return _beside(morton.order(points), np.arange(1, len(points)))
-        return nearest(self.device, points, points, NEIGHBORS + 1)[0]
+        crowded = bool(ranks.max() >= CROWD)
+        if crowded:
+            found = _beside(order, np.flatnonzero(ranks))
+        elif again:
+            found = _beside(morton.order(points), np.arange(1, len(points)))
+        else:
+            found = nearest(self.device, points, points, NEIGHBORS + 1)[0]
+        self.device.run(
+            kernels.compare, self.rows, found, *self._values(), self.weights, self.near, self.costs
+        )
+        return not (crowded or again)
 
-    def merge(self, near: I32, wanted: int) -> int:
+    def follow(self) -> None:
+        """Update the candidates after merges."""
+        self.device.run(
+            kernels.follow, self.rows, self.heirs, self.mates, *self._values(), self.weights,
+            self.near, self.costs,
+        )  # fmt: skip
+
+    def merge(self, wanted: int) -> int:
         """Merge at most `wanted` of the cheapest pairs and return their number."""
-        m = len(self.rows)
-        partners, costs = self.device.empty(m, np.int32), self.device.empty(m, np.float64)
-        state = (self.positions, self.covariances, self.masses, self.volumes, self.opacities)
+        n = len(self.before)
+        # Costs are not negative: they have the order of their bits, and equal ones that of rows.
+        bits = self.costs[self.rows, 0].view(np.uint32).astype(np.uint64)
+        keys = np.sort(bits << np.uint64(32) | self.rows.astype(np.uint64))
+        order = keys.astype(np.uint32).view(np.int32)
+        pairs, taken = self.device.empty((wanted, 2), np.int32), np.zeros(n, np.bool_)
+        found = int(self.device.run(kernels.match, order, self.near, wanted, taken, pairs))
+        self.mates[:] = -1
         self.device.run(
-            kernels.cheapest, self.rows, near, *state, self.sh, BY_COLOR, BY_OPACITY, partners,
-            costs,
+            kernels.merge, pairs[:found], self.means.peak, self.means.growth, *self._values(),
+            self.velocities, self.merged, self.heirs, self.mates,
         )  # fmt: skip
-        pairs, taken = self.device.empty((wanted, 2), np.int32), np.zeros(m, np.bool_)
-        order = np.argsort(costs, kind="stable")
-        found = int(self.device.run(kernels.match, order, partners, wanted, taken, pairs))
-        gone = np.zeros(len(self.before), np.bool_)
-        self.device.run(
-            kernels.merge, pairs[:found], self.rows, *state, self.sh, self.velocities, self.merged,
-            gone,
-        )  # fmt: skip
-        self.rows = self.rows[~gone[self.rows]]
+        self.rows = self.rows[self.heirs[self.rows] < 0]
         return found
 
-    def cloud(self) -> SplatCloud:
-        """Return the remaining splats."""
-        kept = edit.take(self.before, self.rows)
-        changed = np.flatnonzero(self.merged[self.rows])
+    def cloud(self, *, widened: bool = False) -> SplatCloud:
+        """Return the remaining splats, in their original order, as they are or `widened` by the
+        low-pass."""
+        rows = self.rows
+        if self.order is not None:
+            rows = rows[np.argsort(self.order[rows])]
+        kept = edit.take(self.before, rows)
+        if widened:
+            kept = _widened(kept, self.means.blur)
+        removed = 0.0 if widened else self.means.blur
+        changed = np.flatnonzero(self.merged[rows])
         for first in range(0, len(changed), _CHUNK):
-            rows = changed[first : first + _CHUNK]
-            shapes = covariance.to_scale_rotation(self.covariances[self.rows[rows]][:, _TRIANGLE])
-            kept.scales[rows] = np.minimum(shapes[0], np.finfo(np.float32).max)
-            kept.rotations[rows] = shapes[1]
-        velocities = None if kept.velocities is None else self.velocities[self.rows]
+            some = changed[first : first + _CHUNK]
+            shown = self.covariances[rows[some]][:, _TRIANGLE] - removed * np.eye(3)
+            shapes = covariance.to_scale_rotation(shown)
+            kept.scales[some] = np.minimum(shapes[0], np.finfo(np.float32).max)
+            kept.rotations[some] = shapes[1]
+        velocities = None if kept.velocities is None else self.velocities[rows]
         return replace(
             kept,
-            positions=self.positions[self.rows],
-            opacities=self.opacities[self.rows],
-            sh=self.sh[self.rows].reshape(kept.sh.shape),
+            positions=self.positions[rows],
+            opacities=self.opacities[rows],
+            sh=self.sh[rows].reshape(kept.sh.shape),
             velocities=velocities,
         )
+
+    def _values(self) -> tuple[F32, F64, F64, F64, F32, F32]:
+        return (
+            self.positions, self.covariances, self.masses, self.volumes, self.opacities, self.sh
+        )  # fmt: skip
 
 
 def _beside(order: npt.NDArray[np.integer], later: npt.NDArray[np.integer]) -> I32:

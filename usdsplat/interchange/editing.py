@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import groupby
 
 import numpy as np
@@ -16,7 +17,7 @@ from usdsplat.core.progress import Progress, silent
 from usdsplat.core.wording import counted
 
 Rows = npt.NDArray[np.bool_]
-Work = Callable[[SplatCloud, Numbers, Progress], SplatCloud]
+Work = Callable[[SplatCloud, Numbers, "_Circumstances"], SplatCloud]
 
 _FIELDS = ("positions", "scales", "rotations", "opacities", "sh")
 _CHANGED = {
@@ -31,11 +32,20 @@ _MERGED = f"{UNBOUNDED}: splats were merged by "
 """Prefix of the bound of fields that were exact before a decimation."""
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Circumstances:
+    """What edits may need to know besides their values."""
+
+    antialiased: bool
+    progress: Progress
+
+
 def edited(
     cloud: SplatCloud,
     edits: Sequence[Edit],
     *,
     may_empty: bool = False,
+    antialiased: bool = False,
     progress: Progress = silent,
 ) -> tuple[SplatCloud, tuple[str, ...]]:
     """Apply edits in order.
@@ -44,6 +54,8 @@ def edited(
 
     Args:
         may_empty: Whether the result may be empty.
+        antialiased: Whether the splats are drawn antialiased, not with the low-pass of classic
+            mode, which decimation takes into account.
         progress: Receives the progress of the steps.
 
     Returns:
@@ -53,14 +65,14 @@ def edited(
         UsageError: If no splat is left, or values exceed float32, naming the edit.
     """
     steps = [list(group) for _, group in groupby(enumerate(edits), key=_step)]
-    notes = []
+    notes, around = [], _Circumstances(antialiased=antialiased, progress=progress)
     for done, step in enumerate(steps):
         progress.step("editing", done, len(steps))
         group, before = [item for _, item in step], len(cloud)
         if group[0].kind.moves:
             cloud = _moved(cloud, group)
         else:
-            cloud = _WORK[group[0].name](cloud, group[0].values, progress)
+            cloud = _WORK[group[0].name](cloud, group[0].values, around)
         if before and not len(cloud) and not may_empty:
             expected = f"some of the {counted(before, 'splat')} before it"
             raise UsageError(f"edit {group[0].name}", "no splat left", expected)
@@ -140,18 +152,18 @@ def _on_circle(degrees: float) -> tuple[float, float]:
     return float(np.cos(np.radians(degrees))), float(np.sin(np.radians(degrees)))
 
 
-def _crop_box(cloud: SplatCloud, values: Numbers, _: Progress) -> SplatCloud:
+def _crop_box(cloud: SplatCloud, values: Numbers, _: _Circumstances) -> SplatCloud:
     return edit.crop_box(cloud, values[:3], values[3:])
 
 
-def _crop_sphere(cloud: SplatCloud, values: Numbers, _: Progress) -> SplatCloud:
+def _crop_sphere(cloud: SplatCloud, values: Numbers, _: _Circumstances) -> SplatCloud:
     return edit.crop_sphere(cloud, values[:3], values[3])
 
 
 def _keeping(rows: Callable[[SplatCloud, float], Rows]) -> Work:
     """Return an edit that keeps the rows allowed by a limit."""
 
-    def work(cloud: SplatCloud, values: Numbers, _: Progress) -> SplatCloud:
+    def work(cloud: SplatCloud, values: Numbers, _: _Circumstances) -> SplatCloud:
         kept = rows(cloud, values[0])
         return cloud if kept.all() else edit.take(cloud, kept)
 
@@ -163,30 +175,31 @@ def _sizes(cloud: SplatCloud) -> F32:
     return np.asarray(cloud.scales.max(axis=1, initial=0))
 
 
-def _drop_nan(cloud: SplatCloud, _: Numbers, _progress: Progress) -> SplatCloud:
+def _drop_nan(cloud: SplatCloud, _: Numbers, _around: _Circumstances) -> SplatCloud:
     return edit.prune(cloud)
 
 
-def _drop_outliers(cloud: SplatCloud, values: Numbers, _: Progress) -> SplatCloud:
+def _drop_outliers(cloud: SplatCloud, values: Numbers, _: _Circumstances) -> SplatCloud:
     # Imported here because it loads Numba, which most edits do not need.
     from usdsplat.interchange.outliers import drop_outliers
 
     return drop_outliers(cloud, neighbors=int(values[0]), deviations=values[1])
 
 
-def _cut_harmonics(cloud: SplatCloud, values: Numbers, _: Progress) -> SplatCloud:
+def _cut_harmonics(cloud: SplatCloud, values: Numbers, _: _Circumstances) -> SplatCloud:
     return edit.with_sh_degree(cloud, min(int(values[0]), cloud.sh_degree))
 
 
-def _decimate(cloud: SplatCloud, values: Numbers, progress: Progress) -> SplatCloud:
+def _decimate(cloud: SplatCloud, values: Numbers, around: _Circumstances) -> SplatCloud:
     # Imported here because it loads Numba.
-    from usdsplat.interchange.decimating import decimate
+    from usdsplat.interchange.decimating import decimate, framing_pixel
 
     wanted = values[0] if values[0] >= 1 else max(round(values[0] * len(cloud)), 1)
-    return decimate(cloud, int(wanted), progress=progress)
+    pixel = 0.0 if around.antialiased else framing_pixel(cloud)
+    return decimate(cloud, int(wanted), pixel=pixel, progress=around.progress)
 
 
-def _in_z_order(cloud: SplatCloud, _: Numbers, _progress: Progress) -> SplatCloud:
+def _in_z_order(cloud: SplatCloud, _: Numbers, _around: _Circumstances) -> SplatCloud:
     return edit.take(cloud, morton.order(cloud.positions))
 
 

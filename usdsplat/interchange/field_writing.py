@@ -102,7 +102,8 @@ class FieldWriter:
             # Without ids, a splat would be interpolated to another one in its row at the next
             # sample.
             cloud = replace(cloud, ids=np.arange(len(cloud)))
-        after, notes = edited(cloud, self.edits, may_empty=moves)
+        antialiased = schema.rasterize_mode(field) == "antialiased"
+        after, notes = edited(cloud, self.edits, may_empty=moves, antialiased=antialiased)
         place = where if time is None else f"{where} at {time:g}"
         return after, [f"{place}: {note}" for note in notes]
 

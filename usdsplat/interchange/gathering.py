@@ -146,7 +146,7 @@ def edit_capture(
     """
     if not edits:
         return capture
-    cloud, notes = edited(capture.cloud, edits, progress=progress)
+    cloud, notes = edited(capture.cloud, edits, antialiased=capture.antialiased, progress=progress)
     return replace(
         capture,
         cloud=cloud,
