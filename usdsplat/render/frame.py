@@ -172,8 +172,9 @@ def prepare(
     )
     surfaces = Surfaces.of(frame.device, scene, screen, view.matte, cache=frame.surface_cache)
     frame.clock.lap("surfaces")
+    layout = scene.draw_list(frame.settings.splat_budget)
     projector = Projector(
-        frame.device, frame.buffers, scene, screen, frame.settings, frame.blend_space
+        frame.device, frame.buffers, layout, screen, frame.settings, frame.blend_space
     )
     occludes = surfaces is not None or frame.holdout is not None
     if set(aovs) == {"color"} and not occludes:

@@ -19,7 +19,6 @@ from usdsplat.render.crop_volumes import volumes
 from usdsplat.render.draw_list import DrawList, Group
 from usdsplat.render.frame_buffers import FrameBuffers
 from usdsplat.render.matte import is_matte
-from usdsplat.render.scene import RenderScene
 from usdsplat.render.screen import Screen
 from usdsplat.render.settings import RenderSettings
 from usdsplat.render.specs import FieldSpec
@@ -79,6 +78,7 @@ class Projector:
     changed since the last picture.
 
     Args:
+        layout: The splats to draw.
         blend_space: Colour space in which splats are blended.
 
     Raises:
@@ -89,14 +89,14 @@ class Projector:
         self,
         device: Device,
         buffers: FrameBuffers,
-        scene: RenderScene,
+        layout: DrawList,
         screen: Screen,
         settings: RenderSettings,
         blend_space: str,
     ) -> None:
         self._device = device
         self._buffers = buffers.splats
-        self.layout = scene.draw_list(settings.splat_budget)
+        self.layout = layout
         self._screen = screen
         self.settings = settings
         self._blend_space = blend_space
