@@ -9,10 +9,12 @@ import numpy as np
 from usdsplat.core.cloud import F32, I32
 from usdsplat.images.cryptomatte import LAYERS, rank_pairs
 from usdsplat.kernels import cryptomatte, feature, position, surface
+from usdsplat.kernels import median as median_kernels
 from usdsplat.render.frame_context import FrameContext, FrameSample
 from usdsplat.render.matte_groups import MatteGroups
 from usdsplat.render.motion import Motion
 from usdsplat.render.occluders import Occluders
+from usdsplat.render.projector import ProjectedSplats
 from usdsplat.render.surfaces import SurfaceBand
 from usdsplat.render.tile_lists import TileLists
 
@@ -79,6 +81,7 @@ class AovResolver:
         if wanted - BESIDE_MEDIAN:
             arrays |= self._nearest("median")
             arrays |= self._places(arrays, motion, y0, wanted)
+            self._number_elements(arrays)  # motion needs rows of the fields
         if "depthFront" in wanted:
             arrays["depthFront"] = self._nearest("front")["depth"]
         if wanted & SUMMED:
@@ -138,6 +141,16 @@ class AovResolver:
             )
         self._frame.clock.lap("places")
         return arrays
+
+    def _number_elements(self, median: dict[str, Any]) -> None:
+        """Convert rows of nodes of splat trees to element ids of the trees."""
+        assert isinstance(self._sample.splats, ProjectedSplats)
+        first = self._sample.splats.layout.first_elements
+        if first.size:
+            keep = self._frame.device.keep
+            self._run(
+                median_kernels.number_elements, median["row"], keep(first), median["elementId"]
+            )
 
     def _features(self, left: F32 | None, wanted: set[str]) -> dict[str, Any]:
         """Return sums of features over all contributions to a pixel."""

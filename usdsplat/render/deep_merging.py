@@ -27,6 +27,7 @@ from usdsplat.render import sampling
 from usdsplat.render.deep_samples import DeepSamples
 from usdsplat.render.frame import DEEP_PIXELS, bin_band, deep_samples, fetched_surfaces, prepare
 from usdsplat.render.frame_context import FrameContext
+from usdsplat.render.lod.nodes import samples_of
 from usdsplat.render.screen import Screen
 from usdsplat.render.settings import RenderSettings
 from usdsplat.render.specs import CameraSpec
@@ -191,6 +192,7 @@ def merged_region(
         TooManyEntries: If there are more.
     """
     plan = sampling.samples(frame.settings, camera)
+    plan = samples_of(frame.settings, plan, frame.nodes, 1)
     merged = DeepAccumulator(frame.device, len(plan), most)
     try:
         for each in plan:

@@ -66,6 +66,8 @@ class DrawList:
     prims: tuple[str, ...]
     """Paths of all drawn prims, surfaces included, sorted. The number of a prim is its index
     here."""
+    first_elements: I32
+    """Element id of the first splat of each appearance, shape (n,); empty if all are 0."""
     splats: int
     """Number of drawn splats; each instance counts."""
     total: int
@@ -101,6 +103,7 @@ def draw_list(drawn: Sequence[Drawn], others: Iterable[str] = (), *, budget: int
             first_slots.append(slot + span * np.arange(i + 1 - begin, dtype=np.int64))
             slot += groups[-1].slots
             begin = i + 1
+    elements = [field.first_element & np.iinfo(np.int32).max for _, field, _ in drawn]
     starts = [g.slot + g.block * np.arange(g.all_blocks, dtype=np.int64) for g in groups]
     nothing = np.empty(0, np.int64)
     return DrawList(
@@ -109,6 +112,7 @@ def draw_list(drawn: Sequence[Drawn], others: Iterable[str] = (), *, budget: int
         labels=np.array(labels, np.int32).reshape(-1, 2),
         block_starts=np.concatenate([*starts, nothing]),
         prims=tuple(prims),
+        first_elements=np.array(elements if any(elements) else [], np.int32),
         splats=sum(len(g.transforms) * len(g.cloud) for g in groups),
         total=sum(len(g.transforms) * len(g.field.spec.cloud) for g in groups),
     )
@@ -116,7 +120,7 @@ def draw_list(drawn: Sequence[Drawn], others: Iterable[str] = (), *, budget: int
 
 def _parts(drawn: Sequence[Drawn], budget: int) -> dict[int, SplatSubset]:
     """Return the subset of each field by its id; empty if all splats are drawn."""
-    fields = {id(field): field for _, field, _ in drawn}
+    fields = {id(field): field for _, field, _ in drawn if not field.is_node}
     instances = Counter(id(field) for _, field, _ in drawn)
     sizes = [(len(field.spec.cloud), instances[key]) for key, field in fields.items()]
     if budget == 0 or sum(count * times for count, times in sizes) <= budget:

@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -34,12 +35,13 @@ from usdsplat.render.band import Band
 from usdsplat.render.deep_samples import DeepSamples
 from usdsplat.render.display import displayed
 from usdsplat.render.frame_context import FrameContext, FrameSample
+from usdsplat.render.lod.nodes import samples_of
 from usdsplat.render.motion import Motion
 from usdsplat.render.occluders import Occluders, with_holdout
 from usdsplat.render.projector import ProjectedSplats, Projector
 from usdsplat.render.rasterizer import WholeImage
 from usdsplat.render.screen import Screen
-from usdsplat.render.specs import CameraSpec
+from usdsplat.render.specs import CameraSpec, View
 from usdsplat.render.surfaces import SurfaceBand, Surfaces
 from usdsplat.render.tile_lists import TileLists
 
@@ -54,6 +56,7 @@ def render_frame(
 ) -> Iterator[Band]:
     """Draw a picture, band by band from the top."""
     plan = sampling.samples(frame.settings, camera)
+    plan = samples_of(frame.settings, plan, frame.nodes, frame.settings.lod_samples)
     center = sampling.center(frame.settings, camera)
     if len(plan) == 1:
         sample = prepare(frame, center, screen.window, frame.aovs)
@@ -172,9 +175,9 @@ def prepare(
     )
     surfaces = Surfaces.of(frame.device, scene, screen, view.matte, cache=frame.surface_cache)
     frame.clock.lap("surfaces")
-    layout = scene.draw_list(frame.settings.splat_budget)
+    layout, inner = frame.layout(scene, sample.fade), _inner_screen(view, window, sample)
     projector = Projector(
-        frame.device, frame.buffers, layout, screen, frame.settings, frame.blend_space
+        frame.device, frame.buffers, layout, screen, frame.settings, frame.blend_space, inner
     )
     occludes = surfaces is not None or frame.holdout is not None
     if set(aovs) == {"color"} and not occludes:
@@ -194,6 +197,13 @@ def prepare(
         frame.clock.lap("display")
     groups = {layer: scene.matte_groups(layer) for layer in LAYERS if layer in aovs}
     return FrameSample(screen, splats, surfaces, groups)
+
+
+def _inner_screen(view: View, window: tuple[int, int, int, int], sample: sampling.Sample) -> Screen:
+    """Return the screen of a sample for coarse levels of splat trees."""
+    screen = Screen.of(view)
+    screen = replace(screen, window=window, low_pass=screen.low_pass * sample.inner_area)
+    return screen.through(sample.lens, view.camera.focus_distance, sample.inner_offset)
 
 
 def _projected(
@@ -280,7 +290,9 @@ def find_motion(frame: FrameContext, sample: FrameSample, center: sampling.Sampl
     """Find the motion to the neighbouring frames. Return None if no AOV needs it."""
     if not MOTION & set(frame.aovs):
         return None
-    motion = Motion.between(frame.sampler, center.time, sample.screen)
+    motion = Motion.between(
+        frame.sampler, center.time, sample.screen, partial(frame.drawn, fade=center.fade)
+    )
     frame.clock.lap("find motion")
     return motion
 

@@ -80,6 +80,7 @@ class Projector:
     Args:
         layout: The splats to draw.
         blend_space: Colour space in which splats are blended.
+        inner: Projection of the coarse levels of splat trees, if it is another.
 
     Raises:
         UsageError: If the scene has 2**31 splats or more.
@@ -93,11 +94,12 @@ class Projector:
         screen: Screen,
         settings: RenderSettings,
         blend_space: str,
+        inner: Screen | None = None,
     ) -> None:
         self._device = device
         self._buffers = buffers.splats
         self.layout = layout
-        self._screen = screen
+        self._screen, self._inner = screen, inner or screen
         self.settings = settings
         self._blend_space = blend_space
         self._degree = settings.sh_degree
@@ -244,16 +246,17 @@ class Projector:
     def record(self, group: Group) -> npt.NDArray[Any]:
         """Return the CAMERA record of `project` for a group."""
         spec = group.field.spec
-        return self._screen.record(
+        screen = self._inner if group.field.is_inner else self._screen
+        return screen.record(
             tangential=spec.projection_mode == "tangential",
             by_distance=self.settings.sorting == "cameraDistance",
-            footprint=self._footprint(spec),
+            footprint=self._footprint(spec, group.field.is_inner),
             margin=DOT_REACH if self.settings.display_mode == "points" else 0,
         )
 
-    def _footprint(self, spec: FieldSpec) -> float:
+    def _footprint(self, spec: FieldSpec, is_inner: bool) -> float:
         """Return the size of a pixel from which on the low-pass lowers the opacity [local unit]."""
-        mode = self.settings.rasterize_mode
+        mode = "antialiased" if is_inner else self.settings.rasterize_mode
         if mode == "auto" or (mode == "footprint" and not spec.footprint):
             mode = spec.rasterize_mode
         if mode == "classic" or self.settings.display_mode in ("points", "ellipses"):

@@ -12,7 +12,7 @@ ranks as strata; Harris 1978 for the Blackman-Harris window.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -43,6 +43,12 @@ class Sample:
     """Point of the lens that the ray passes, right and up [scene unit]."""
     offset: tuple[float, float] = (0.0, 0.0)
     """Offset from the pixels' centres, right and down [pixel]."""
+    inner_offset: tuple[float, float] = (0.0, 0.0)
+    """As `offset`, for coarse levels of splat trees."""
+    inner_area: float = 1.0
+    """Area of a sample of these levels [pixel²], which their low-pass is as large as."""
+    fade: float = 0.0
+    """Position of the sample among those that fade levels of splat trees, see `lod.cut`."""
 
 
 def samples(settings: RenderSettings, camera: CameraSpec) -> tuple[Sample, ...]:
@@ -62,6 +68,36 @@ def samples(settings: RenderSettings, camera: CameraSpec) -> tuple[Sample, ...]:
     return tuple(
         Sample(time=each[0], lens=(each[1], each[2]), offset=(each[3], each[4]))
         for each in np.stack([times, rights, ups, columns, rows], axis=1).tolist()
+    )
+
+
+def subdivided(
+    plan: tuple[Sample, ...], settings: RenderSettings, along: int
+) -> tuple[Sample, ...]:
+    """Return samples with own points in the pixel for the coarse levels of splat trees.
+
+    These levels are drawn with at least `along` squared samples. Each sample of the plan is
+    repeated as often as needed, so that everything else is drawn as without them.
+    """
+    times = -(-(along * along) // len(plan))
+    n = times * len(plan)
+    if n == 1:
+        return plan
+    fades = _strata(n, STEPS[2])
+    if len(plan) == 1:
+        across = (np.arange(along) + 0.5) / along - 0.5
+        points = [(x, y) for y in across.tolist() for x in across.tolist()]
+        area = 1 / n
+    else:
+        spread = _filter(settings.pixel_filter, settings.filter_width)
+        columns, rows = (np.interp(_strata(n, step), *spread) for step in STEPS[:2])
+        points = list(zip(columns.tolist(), rows.tolist(), strict=True))
+        if times == 1:
+            points = [each.offset for each in plan]
+        area = min(1.0, float(np.ptp(spread[1])) ** 2 / n)
+    return tuple(
+        replace(plan[i // times], inner_offset=points[i], inner_area=area, fade=fade)
+        for i, fade in enumerate(fades.tolist())
     )
 
 

@@ -81,8 +81,9 @@ class Made:
         return take(self.clouds[chunk], np.arange(first, first + count))
 
     def spec(self, **options):
-        given = {"chunks": tuple((id(self), i) for i in range(len(self.clouds)))}
-        return TreeSpec(table=self.table, load=self.load, degree=3, **(given | options))
+        chunks = tuple((id(self), i) for i in range(len(self.clouds)))
+        given = {"chunks": chunks, "load": self.load, "degree": 3} | options
+        return TreeSpec(table=self.table, **given)
 
     def leaves(self):
         """The splats of a cut of leaves, in the order in which they are drawn."""

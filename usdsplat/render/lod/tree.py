@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from usdsplat.core.cloud import F64, I64, SplatCloud
+from usdsplat.core.errors import UsdSplatError
 from usdsplat.core.node_table import NodeTable
 from usdsplat.core.sh import coefficient_count
 from usdsplat.render.fields import Field
@@ -57,7 +58,8 @@ class TreeSpec:
         return int(self.table.proxies[leaf].sum() + self.table.residents.sum())
 
     def first_elements(self) -> I64:
-        """Return the element id of the first splat of each node, shape (n,).
+        """Return the element ids of the first captured splat and of the first proxy of each node,
+        shape (2, n).
 
         Splats of the capture are numbered first, by node; then the proxies, by node. A cut of
         leaves therefore has the ids of a field with the same splats.
@@ -82,12 +84,19 @@ class Tree:
     instances: tuple[InstanceSpec, ...] = ()
     visible: bool = True
     crops: tuple[CropSpec, ...] = ()
+    elements: I64 = field(init=False)
+    """See `TreeSpec.first_elements`."""
+    problems: dict[int, UsdSplatError] = field(default_factory=dict)
+    """Chunk -> why its splats could not be read."""
     closed: set[int] = field(default_factory=set)
     """Nodes that are not refined because a child cannot be read."""
     lost: set[int] = field(default_factory=set)
     """Nodes whose own splats cannot be read."""
     fields: dict[tuple[int, bool], Field] = field(default_factory=dict)
     """(node, is inner) -> the splats as a field of the draw list, while they are in memory."""
+
+    def __post_init__(self) -> None:
+        self.elements = self.spec.first_elements()
 
     @property
     def is_drawn(self) -> bool:
@@ -102,8 +111,8 @@ class Tree:
 
     def replace(self, spec: TreeSpec) -> None:
         """Replace the tree. Splats of unchanged chunks stay in the cache."""
-        self.spec = spec
-        self.closed, self.lost, self.fields = set(), set(), {}
+        self.spec, self.elements = spec, spec.first_elements()
+        self.problems, self.closed, self.lost, self.fields = {}, set(), set(), {}
 
     def set_crops(self, crops: tuple[CropSpec, ...]) -> None:
         """Set the crops that keep or remove splats."""

@@ -1,0 +1,32 @@
+"""What the cut of a picture draws."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+from tests.render.rendering import settings_of
+from usdsplat.render.lod.nodes import nodes_of
+from usdsplat.render.sampling import Sample
+
+
+def _drawn(scene, view, **settings):
+    nodes = nodes_of(scene, lambda _: (scene, view), settings_of(**settings), (Sample(),))
+    return nodes, nodes.layout(scene, 0.0)
+
+
+def drawn_counts(scene, view, **settings):
+    """Number of splats that are drawn, by prim."""
+    _, layout = _drawn(scene, view, **settings)
+    counts = Counter()
+    for group in layout.groups:
+        name = "/tree" if group.field.is_node else "/a"
+        counts[name] += len(group.cloud) * len(group.transforms)
+    return dict(counts)
+
+
+def drawn_nodes(scene, view, **settings):
+    """The nodes of the tree that are drawn."""
+    nodes, _ = _drawn(scene, view, **settings)
+    return {
+        int(path.partition(":")[2]) for path, field, _ in nodes.drawn(scene, 0.0) if field.is_node
+    }
