@@ -35,6 +35,14 @@ class Scene:
     """Splats on the stage, counting every instance."""
     version: int
     """Version of the render scene."""
+    has_trees: bool = False
+    """Whether there are splat trees."""
+
+    @property
+    def samples(self) -> int:
+        """Number of samples of a picture in full quality."""
+        settings = self.look.settings
+        return max(settings.samples, settings.lod_samples**2 if self.has_trees else 1)
 
     @property
     def place(self) -> tuple[Any, ...]:
@@ -125,6 +133,7 @@ class Scenes:
             prims=layout.prims,
             splats=layout.total,
             version=engine.version,
+            has_trees=scene.has_trees,
         )
 
     def _camera(self, state: ViewState, engine: Engine) -> CameraSpec:

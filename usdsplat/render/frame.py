@@ -202,7 +202,7 @@ def prepare(
 def _inner_screen(view: View, window: tuple[int, int, int, int], sample: sampling.Sample) -> Screen:
     """Return the screen of a sample for coarse levels of splat trees."""
     screen = Screen.of(view)
-    screen = replace(screen, window=window, low_pass=screen.low_pass * sample.inner_area)
+    screen = replace(screen, window=window, low_pass=screen.low_pass * sample.inner_low_pass)
     return screen.through(sample.lens, view.camera.focus_distance, sample.inner_offset)
 
 

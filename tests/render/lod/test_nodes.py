@@ -92,7 +92,7 @@ def test_a_crop_of_the_picture_has_the_pixels_of_the_whole():
 
 def test_a_coarse_cut_draws_the_proxies_antialiased_with_samples():
     """Oracle: the mean of antialiased pictures of the root's proxies as a field, at n times the
-    resolution, where one pixel is one sample."""
+    resolution, where one pixel is one sample, and with half of the low-pass."""
     n = 3
     tree = made(5, error=1e-3)
     spec = tree.spec()
@@ -103,7 +103,9 @@ def test_a_coarse_cut_draws_the_proxies_antialiased_with_samples():
     scene.set_field("/tree", FieldSpec(cloud=proxies, rasterize_mode="antialiased"))
     scene.set_instances("/tree", (PLACED,))
     width, height = view.framing.resolution
-    fine = replace(view, framing=replace(view.framing, resolution=(n * width, n * height)))
+    fine = replace(
+        view, framing=replace(view.framing, resolution=(n * width, n * height), pixel_scale=2**0.5)
+    )
     drawn = picture(scene, fine, aovs=("color",))["color"]
     mean = drawn.reshape(height, n, width, n, 4).mean(axis=(1, 3))
     np.testing.assert_allclose(found["color"], mean, atol=2e-3)

@@ -67,10 +67,8 @@ class PictureNodes:
         self._settings = settings
         scene, screens, self._seen = _gathered(sampler, plan)
         budget = settings.splat_budget
-        fields = scene.draw_list().groups
-        others = sum(len(group.transforms) * len(group.cloud) for group in fields)
         self._cut, self._fields = self._loaded(
-            scene.node_cache, screens, max(1, budget - others) if budget else 0
+            scene.node_cache, screens, _tree_budget(scene, settings)
         )
         self._field_budget = max(1, budget - self._cut.splats) if budget else 0
         tables = [each.spec.table for each in self._seen.values()]
@@ -227,6 +225,14 @@ class PictureNodes:
         return found
 
 
+def view_cut(scene: RenderScene, view: View, settings: RenderSettings) -> Cut:
+    """Return the cut of a view, without reading its nodes."""
+    _, screens, seen = _gathered(lambda _: (scene, view), (Sample(),))
+    views = [each.view() for each in seen.values()]
+    budget = _tree_budget(scene, settings)
+    return choose(views, screens, error=settings.lod_error, budget=budget)
+
+
 def samples_of(
     settings: RenderSettings, plan: tuple[Sample, ...], nodes: PictureNodes | None, along: int
 ) -> tuple[Sample, ...]:
@@ -248,6 +254,13 @@ def nodes_of(
 ) -> PictureNodes | None:
     """Return the nodes that a picture of a scene draws; None without splat trees."""
     return PictureNodes(sampler, plan, settings) if scene.has_trees else None
+
+
+def _tree_budget(scene: RenderScene, settings: RenderSettings) -> int:
+    """Return the splats that are left for trees if fields keep all of theirs; 0 for any number."""
+    if not settings.splat_budget:
+        return 0
+    return max(1, settings.splat_budget - scene.draw_list().splats)
 
 
 def _parts(
