@@ -25,7 +25,7 @@ from usdsplat.interchange.decimating import decimate
 from usdsplat.kernels.devices import open_device
 from usdsplat.render.renderer import Renderer
 from usdsplat.render.settings import RenderSettings
-from usdsplat.render.specs import View
+from usdsplat.render.specs import RasterizeMode, View
 
 SIZE = (320, 240)
 DISTANCES = (1, 2, 4, 8)
@@ -33,7 +33,12 @@ TURNS = (0.4, 2.5, 4.6)
 """Azimuths of the views [radian]."""
 SAMPLES = 4
 """Samples of a pixel along an axis, of the supersampled pictures."""
+WAYS: tuple[tuple[RasterizeMode, int], ...] = (
+    ("classic", 1), ("antialiased", 1), ("antialiased", SAMPLES),
+)  # fmt: skip
+"""Rasterize mode, and samples of a pixel along an axis."""
 VISIBLE = 1 / 255
+"""Opacity from which on a pixel is seen."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,10 +85,15 @@ def mean(picture: F32, scale: int) -> F32:
 
 
 def pictures(
-    renderer: Renderer, cloud: SplatCloud, where: Framing, distance: int, mode: str, scale: int
+    renderer: Renderer,
+    cloud: SplatCloud,
+    where: Framing,
+    distance: int,
+    mode: RasterizeMode,
+    scale: int,
 ) -> list[F32]:
     """Return one picture for each view, RGBA at SIZE, the mean of `scale` x `scale` samples."""
-    settings = RenderSettings(sorting="zDepth", color_mode="display", rasterize_mode=mode)  # type: ignore[arg-type]
+    settings = RenderSettings(sorting="zDepth", color_mode="display", rasterize_mode=mode)
     scene = scene_of(cloud)
     found = []
     for view in where.views(distance, scale):
@@ -113,7 +123,7 @@ def main(report: Report) -> None:
             table.add_column(column)
         truth = {k: pictures(renderer, cloud, where, k, "classic", k) for k in DISTANCES}
         for label, level in levels.items():
-            for mode, scale in (("classic", 1), ("antialiased", 1), ("antialiased", SAMPLES)):
+            for mode, scale in WAYS:
                 cells = []
                 for k in DISTANCES:
                     drawn = pictures(renderer, level, where, k, mode, scale)

@@ -173,9 +173,7 @@ def _drawing(engine: Engine, plan: PicturePlan) -> Metadata:
     settings = plan.settings.resolved(spec.sorting_mode for spec in fields)
     if plan.deep:
         settings = replace(settings, color_mode="scene", blend_space="linear")
-    modes = {spec.rasterize_mode for spec in fields}
-    if settings.rasterize_mode != "auto":
-        modes = {settings.rasterize_mode}
+    modes = {spec.drawn_mode(settings.rasterize_mode) for spec in fields}
     entries = {
         "usdsplat:sorting": settings.sorting,
         "usdsplat:rasterizeMode": " and ".join(sorted(modes)),

@@ -256,9 +256,8 @@ class Projector:
 
     def _footprint(self, spec: FieldSpec, is_inner: bool) -> float:
         """Return the size of a pixel from which on the low-pass lowers the opacity [local unit]."""
-        mode = "antialiased" if is_inner else self.settings.rasterize_mode
-        if mode == "auto" or (mode == "footprint" and not spec.footprint):
-            mode = spec.rasterize_mode
+        asked = "antialiased" if is_inner else self.settings.rasterize_mode
+        mode = spec.drawn_mode(asked)
         if mode == "classic" or self.settings.display_mode in ("points", "ellipses"):
             return math.inf  # points and ellipses would otherwise vanish in the distance
         return spec.footprint if mode == "footprint" else 0.0

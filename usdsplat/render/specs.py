@@ -8,7 +8,7 @@ local`). Gf's row-vector matrices are transposed when they are read.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, cast
 
 from usdsplat.core.cloud import F32, I32, SplatCloud
 
@@ -58,6 +58,12 @@ class FieldSpec:
     packed: PackedSpec | None = None
     """The same splats in packed form, a third of the size, if the prim stores them packed. GPUs use
     it."""
+
+    def drawn_mode(self, mode: str) -> RasterizeMode:
+        """Return how the low-pass changes opacity, for `RenderSettings.rasterize_mode`."""
+        if mode == "auto" or (mode == "footprint" and not self.footprint):
+            return self.rasterize_mode
+        return cast(RasterizeMode, mode)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -23,6 +23,8 @@ def found_in(stage):
         ("opacities", [1.5] * 12, "opacity-range"),
         ("opacities", [0.5] * 3, "too-short"),
         ("sortingModeHint", "nearest", "unknown-mode"),
+        ("splat:sampling:footprint", -1.0, "unknown-mode"),
+        ("splat:sampling:footprint", float("inf"), "unknown-mode"),
         ("radiance:sphericalHarmonicsDegree", 3, "coefficient-count"),
     ],
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -95,6 +96,12 @@ def modes(sample: Sample) -> Iterator[Finding]:
             expected = f"one of {', '.join(allowed)}"
             cure = f"author one of these; readers assume {allowed[0]}"
             yield sample.finding("error", name, "unknown-mode", repr(value), expected, cure)
+    attribute = sample.prim.GetAttribute(tokens.FOOTPRINT)
+    size = attribute.Get() if attribute else None
+    if isinstance(size, float) and not 0 <= size < math.inf:
+        expected = "the size of a pixel at the splats, or 0"
+        cure = "author the size; readers take 0, which is unknown"
+        yield sample.finding("error", tokens.FOOTPRINT, "unknown-mode", f"{size:g}", expected, cure)
 
 
 def grade(sample: Sample) -> Iterator[Finding]:
