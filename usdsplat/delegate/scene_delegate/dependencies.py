@@ -14,6 +14,7 @@ from usdsplat.delegate.scene_delegate.points import PROPERTIES as POINT_PROPERTI
 from usdsplat.delegate.scene_delegate.points import is_points
 from usdsplat.delegate.scene_delegate.population import Level, Population, source_of
 from usdsplat.delegate.scene_delegate.volumes import SIZES
+from usdsplat.schema.tree import ATTRIBUTES as TREE_PROPERTIES
 
 FIELD_PROPERTIES = (
     schema.DATA_ATTRIBUTES
@@ -23,6 +24,7 @@ FIELD_PROPERTIES = (
         schema.tokens.FOOTPRINT,
         schema.tokens.PROJECTION_MODE,
         schema.tokens.SORTING_MODE,
+        *TREE_PROPERTIES,
         *POINT_PROPERTIES,
     }
 )
