@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -40,6 +41,18 @@ def products_of(aovs: set[str]) -> frozenset[str]:
     """Return the products that must be drawn in addition to colour."""
     products = {PRODUCT[name] for name in aovs if name in PRODUCT}
     return frozenset(products | ({"median"} if aovs - BESIDE_MEDIAN else set()))
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class SplatLayers:
+    """Layers of splats of a band in the blend space, as arrays of the device."""
+
+    color: F32
+    """Premultiplied RGBA, shape (h, w, 4)."""
+    albedo: F32 | None
+    """The same of the albedo; None if it is not needed."""
+    left: F32 | None
+    """Transmittance to the surfaces, shape (h, w); None without surfaces."""
 
 
 class AovResolver:
@@ -92,6 +105,20 @@ class AovResolver:
             behind = None if surfaces is None else surfaces.color
             arrays["color"] = composited(self._frame, color, left, behind)
         return arrays
+
+    def layers(self, aovs: tuple[str, ...]) -> tuple[SplatLayers, dict[str, Any]]:
+        """Return the layers of averaged AOVs before they are composited, and unranked mattes."""
+        wanted = set(aovs)
+        mattes = {layer: groups for layer, groups in self._sample.groups.items() if layer in wanted}
+        rank = self._frame.settings.crypto_rank
+        color, through = self._tiles.color(products_of(wanted), mattes, rank)
+        self._frame.clock.lap("blend")
+        left = None if self._surfaces is None else self._left(color, through)
+        albedo = self._tiles.sums("albedo") if "albedo" in wanted else None
+        ranked = {
+            layer: self._matte(layer, groups, left, raw=True) for layer, groups in mattes.items()
+        }
+        return SplatLayers(color=color, albedo=albedo, left=left), ranked
 
     # --- private ---------------------------------------------------------------------------
 

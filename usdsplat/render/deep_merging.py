@@ -192,7 +192,7 @@ def merged_region(
         TooManyEntries: If there are more.
     """
     plan = sampling.samples(frame.settings, camera)
-    plan = samples_of(frame.settings, plan, frame.nodes, 1)
+    plan = tuple(each[0] for each in samples_of(frame.settings, plan, frame.nodes, 1))
     merged = DeepAccumulator(frame.device, len(plan), most)
     try:
         for each in plan:

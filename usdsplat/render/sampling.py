@@ -78,16 +78,17 @@ def samples(settings: RenderSettings, camera: CameraSpec) -> tuple[Sample, ...]:
 
 def subdivided(
     plan: tuple[Sample, ...], settings: RenderSettings, along: int
-) -> tuple[Sample, ...]:
+) -> tuple[tuple[Sample, ...], ...]:
     """Return samples with own points in the pixel for the coarse levels of splat trees.
 
     These levels are drawn with at least `along` squared samples. Each sample of the plan is
-    repeated as often as needed, so that everything else is drawn as without them.
+    repeated as often as needed, so that everything else is drawn as without them. The repetitions
+    of one sample form one item of the result.
     """
     times = -(-(along * along) // len(plan))
     n = times * len(plan)
     if n == 1:
-        return plan
+        return (plan,)
     fades = _strata(n, STEPS[2])
     if len(plan) == 1:
         across = (np.arange(along) + 0.5) / along - 0.5
@@ -100,7 +101,7 @@ def subdivided(
         if times == 1:
             points = [each.offset for each in plan]
         area = min(1.0, float(np.ptp(spread[1])) ** 2 / n)
-    return tuple(
+    found = tuple(
         replace(
             plan[i // times],
             inner_offset=points[i],
@@ -109,6 +110,7 @@ def subdivided(
         )
         for i, fade in enumerate(fades.tolist())
     )
+    return tuple(found[i : i + times] for i in range(0, n, times))
 
 
 def center(settings: RenderSettings, camera: CameraSpec) -> Sample:

@@ -9,9 +9,10 @@ import pytest
 
 from tests.render.lod.drawn import drawn_counts, drawn_nodes
 from tests.render.lod.trees import made
-from tests.render.rendering import lens, picture, random_transform, view_of
+from tests.render.rendering import lens, picture, random_transform, settings_of, view_of
 from usdsplat.core.errors import StageError
-from usdsplat.render.renderer import AOVS
+from usdsplat.kernels.devices import open_device
+from usdsplat.render.renderer import AOVS, Renderer
 from usdsplat.render.scene import RenderScene
 from usdsplat.render.specs import CropSpec, FieldSpec, InstanceSpec
 
@@ -226,3 +227,56 @@ def test_motion_of_a_moved_tree_is_that_of_a_field():
     found = picture(a, view, aovs=aovs, sampler=moving(a), lod_error=0)
     assert_same(found, picture(b, view, aovs=aovs, sampler=moving(b)))
     assert np.isfinite(found["depth"]).any()
+
+
+@pytest.mark.parametrize("samples", [1, 3])
+def test_everything_else_is_drawn_as_without_coarse_levels(samples):
+    """Oracle: the field and the crypto layer of a picture without the tree, which is elsewhere."""
+    tree, field = made(15), made(16).leaves()
+    aside = np.diag([0.4, 0.4, 0.4, 1.0])
+    aside[0, 3] = 1.9
+    away = InstanceSpec(path="/tree", transform=tuple(aside.ravel()))
+    both, alone = tree_scene(tree, away), RenderScene()
+    for scene in (both, alone):
+        scene.set_field("/a", FieldSpec(cloud=field))
+        matrix = np.diag([0.3, 0.3, 0.3, 1.0])
+        scene.set_instances("/a", (InstanceSpec(path="/a", transform=tuple(matrix.ravel())),))
+    view = view_of(lens())
+    settings = {"aovs": ("color", "albedo"), "samples": samples}
+    found = picture(both, view, lod_error=1000.0, lod_samples=4, **settings)
+    expected = picture(alone, view, **settings)
+    assert found["color"][:, 110:, 3].max() > 0.5  # the tree
+    for name, array in expected.items():
+        np.testing.assert_allclose(found[name][:, :85], array[:, :85], atol=1e-6)
+
+
+def test_coarse_levels_are_averaged_in_the_blend_space():
+    """Oracle: the display picture, unpremultiplied and converted by the sRGB curve; averaging light
+    would be brighter."""
+    tree = made(17, n=4000)
+    view = view_of(lens())
+    settings = {"aovs": ("color",), "lod_error": 1000.0, "lod_samples": 4}
+    shown = picture(tree_scene(tree), view, **settings)["color"]
+    linear = picture(tree_scene(tree), view, color_mode="scene", **settings)["color"]
+    seen = shown[..., 3] > 0.3
+    assert seen.sum() > 1000
+    encoded, alpha = shown[seen][:, :3] / shown[seen][:, 3:], shown[seen][:, 3:]
+    expected = np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
+    np.testing.assert_allclose(linear[seen][:, :3], alpha * expected, atol=1e-5)
+
+
+def test_deep_samples_of_leaves_are_those_of_the_field():
+    """Oracle: the same splats as a field, with ids."""
+    tree, view = made(18), view_of(lens())
+    names = ("primId", "elementId")
+
+    def deep(scene, **settings):
+        renderer = Renderer(open_device())
+        strips = renderer.render_deep(scene, view, settings_of(**settings), names)
+        return [(each.depth.copy(), each.color.copy(), each.ids.copy()) for _, _, each in strips]
+
+    for found, expected in zip(
+        deep(tree_scene(tree), lod_error=0), deep(field_scene(tree)), strict=True
+    ):
+        for a, b in zip(found, expected, strict=True):
+            np.testing.assert_array_equal(a, b)

@@ -14,6 +14,8 @@ from usdsplat.render.specs import View
 PER_SPLAT = 250
 """Bytes of the buffers for one splat of a picture: projected and sorted records, keys, tile
 lists."""
+PER_PIXEL = 4 * (4 + 3 + 4 + 4 + 1)
+"""Bytes of the buffers for one pixel of a band: sums over samples, and over their repetitions."""
 
 
 def estimate(
@@ -35,4 +37,11 @@ def estimate(
     of_one = max((tree.spec.splat_bytes for _, tree in scene.drawn_trees()), default=0)
     more = max(0, splats * of_one - scene.node_cache.bytes)
     buffers = request.pictures * splats * PER_SPLAT
-    return replace(found, held=found.held + more, splats=found.splats + buffers)
+    x0, _, x1, _ = view.framing.window
+    band = request.pictures * found.rows * (x1 - x0) * PER_PIXEL
+    return replace(
+        found,
+        held=found.held + more,
+        splats=found.splats + buffers,
+        band=found.band + band,
+    )

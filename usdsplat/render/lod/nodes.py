@@ -235,15 +235,15 @@ def view_cut(scene: RenderScene, view: View, settings: RenderSettings) -> Cut:
 
 def samples_of(
     settings: RenderSettings, plan: tuple[Sample, ...], nodes: PictureNodes | None, along: int
-) -> tuple[Sample, ...]:
-    """Return the samples of a picture, with samples for coarse levels if it shows any.
+) -> tuple[tuple[Sample, ...], ...]:
+    """Return the samples of a picture, each repeated for coarse levels if it shows any.
 
     Args:
         plan: Samples of a picture without trees.
         along: Number of samples of these levels along each axis of a pixel.
     """
     if nodes is None or not nodes.shows_inner:
-        return plan
+        return tuple((each,) for each in plan)
     if settings.display_mode in ("points", "ellipses"):
         along = 1  # their sizes are those of dots and outlines
     return sampling.subdivided(plan, settings, along)
