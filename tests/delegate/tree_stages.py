@@ -2,21 +2,11 @@
 
 from __future__ import annotations
 
-import numpy as np
-from pxr import Sdf, Usd, UsdGeom, Vt
+from pxr import Usd, UsdGeom
 
 from tests.render.lod.trees import Made, made
 from usdsplat import schema
-from usdsplat.schema.tree import CHUNKS, COLUMNS, TREE
-
-TYPES = {
-    "low": Sdf.ValueTypeNames.Float3Array,
-    "high": Sdf.ValueTypeNames.Float3Array,
-    "errors": Sdf.ValueTypeNames.FloatArray,
-    "first_row": Sdf.ValueTypeNames.Int64Array,
-    "proxies": Sdf.ValueTypeNames.Int64Array,
-    "residents": Sdf.ValueTypeNames.Int64Array,
-}
+from usdsplat.schema.tree import author_tree
 
 
 def write_chunk(path, cloud):
@@ -31,17 +21,16 @@ def author(stage, path, tree, folder):
     folder.mkdir(exist_ok=True)
     for number, cloud in enumerate(tree.clouds):
         write_chunk(folder / f"{number:04}.usdc", cloud)
-    prim = stage.DefinePrim(path, TREE)
-    for column, (name, _) in COLUMNS.items():
-        array = np.ascontiguousarray(getattr(tree.table, column))
-        kind = TYPES.get(column, Sdf.ValueTypeNames.IntArray)
-        vt = {"low": Vt.Vec3fArray, "high": Vt.Vec3fArray, "errors": Vt.FloatArray}.get(column)
-        vt = vt or (Vt.Int64Array if kind == Sdf.ValueTypeNames.Int64Array else Vt.IntArray)
-        prim.CreateAttribute(name, kind).Set(vt.FromNumpy(array))
-    assets = [Sdf.AssetPath(f"./{folder.name}/{i:04}.usdc") for i in range(len(tree.clouds))]
-    prim.CreateAttribute(CHUNKS, Sdf.ValueTypeNames.AssetArray).Set(assets)
-    prim.CreateAttribute(schema.tokens.SH_DEGREE, Sdf.ValueTypeNames.Int).Set(3)
-    return prim
+    return author_tree(
+        stage,
+        path,
+        tree.table,
+        [f"./{folder.name}/{i:04}.usdc" for i in range(len(tree.clouds))],
+        degree=3,
+        color_space="srgb_rec709_scene",
+        drawing=schema.DrawingHints(),
+        pixel=0.0,
+    )
 
 
 def tree_stage(folder, tree: Made | None = None):

@@ -83,7 +83,8 @@ def subdivided(
 
     These levels are drawn with at least `along` squared samples. Each sample of the plan is
     repeated as often as needed, so that everything else is drawn as without them. The repetitions
-    of one sample form one item of the result.
+    of one sample form one item of the result, in the order of their fades: neighbours often draw
+    the same nodes.
     """
     times = -(-(along * along) // len(plan))
     n = times * len(plan)
@@ -110,7 +111,8 @@ def subdivided(
         )
         for i, fade in enumerate(fades.tolist())
     )
-    return tuple(found[i : i + times] for i in range(0, n, times))
+    items = (found[i : i + times] for i in range(0, n, times))
+    return tuple(tuple(sorted(item, key=lambda each: each.fade)) for item in items)
 
 
 def center(settings: RenderSettings, camera: CameraSpec) -> Sample:

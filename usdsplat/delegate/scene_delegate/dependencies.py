@@ -13,8 +13,8 @@ from usdsplat.delegate.scene_delegate.notices import Changes, is_color_space
 from usdsplat.delegate.scene_delegate.points import PROPERTIES as POINT_PROPERTIES
 from usdsplat.delegate.scene_delegate.points import is_points
 from usdsplat.delegate.scene_delegate.population import Level, Population, source_of
+from usdsplat.delegate.scene_delegate.trees import PROPERTIES as TREE_PROPERTIES
 from usdsplat.delegate.scene_delegate.volumes import SIZES
-from usdsplat.schema.tree import ATTRIBUTES as TREE_PROPERTIES
 
 FIELD_PROPERTIES = (
     schema.DATA_ATTRIBUTES
@@ -24,7 +24,6 @@ FIELD_PROPERTIES = (
         schema.tokens.FOOTPRINT,
         schema.tokens.PROJECTION_MODE,
         schema.tokens.SORTING_MODE,
-        *TREE_PROPERTIES,
         *POINT_PROPERTIES,
     }
 )
@@ -179,4 +178,5 @@ def _own_bits(name: str) -> DirtyBits:
     Cameras, lights and instancers are read again after a change of any property.
     """
     bits = DirtyBits.PARAMS | DirtyBits.INSTANCER
-    return bits | DirtyBits.PRIMVAR if name in FIELD_PROPERTIES else bits
+    is_read = name in FIELD_PROPERTIES or name.startswith(TREE_PROPERTIES)
+    return bits | DirtyBits.PRIMVAR if is_read else bits

@@ -24,7 +24,11 @@ from usdsplat.images.color import color_space
 from usdsplat.images.grade import grade_matrix
 from usdsplat.render.lod.tree import TreeSpec
 from usdsplat.render.specs import ProjectionMode, RasterizeMode, SortingMode
-from usdsplat.schema.tree import CHUNKS, read_chunk, read_tree
+from usdsplat.schema.tree import read_chunk, read_tree
+
+CHUNKS = "splat:chunks"
+PROPERTIES = ("splat:node", CHUNKS, "splat:lod:")
+"""Beginnings of the names of properties that a tree is read from, besides those of fields."""
 
 POLL = 1.0
 """Least time between two looks at the files of chunks [s]."""

@@ -74,6 +74,7 @@ class PictureNodes:
         tables = [each.spec.table for each in self._seen.values()]
         self.shows_inner = self._cut.shows_inner(tables)
         """Whether an inner node can be seen in any sample."""
+        self._last: tuple[list[Drawn], set[str], DrawList | None] = [], set(), None
 
     @property
     def cut(self) -> Cut:
@@ -86,9 +87,13 @@ class PictureNodes:
         Splats of captures come first, in the order that breaks ties: fields, and trees by node, in
         the order of their paths. Coarse levels follow.
         """
-        drawn = self.drawn(scene, fade)
-        found = draw_list(drawn, scene.other_prims(), budget=self._field_budget)
-        return replace(found, total=scene.draw_list().total)
+        drawn, others = self.drawn(scene, fade), scene.other_prims()
+        before, prims, found = self._last
+        if found is None or others != prims or not _is_same(drawn, before):
+            found = draw_list(drawn, others, budget=self._field_budget)
+            found = replace(found, total=scene.draw_list().total)
+            self._last = drawn, others, found
+        return found
 
     def drawn(self, scene: RenderScene, fade: float) -> list[Drawn]:
         """Return each appearance of splats in a sample, in the order of its layout."""
@@ -130,6 +135,9 @@ class PictureNodes:
             views = [each.view() for each in self._seen.values()]
             cut = choose(views, screens, error=settings.lod_error, budget=budget)
             wanted = dict(self._wanted(cut))
+            for path, seen in self._seen.items():  # others must not keep what the cache drops
+                kept = {k: each for k, each in seen.tree.fields.items() if (path, k) in wanted}
+                seen.tree.fields = kept
             keys = {name: self._key(name) for name in wanted}
             requests = {keys[name]: request for name, request in wanted.items()}
             found = cache.get(
@@ -150,13 +158,6 @@ class PictureNodes:
             for name, result in results.items()
             if isinstance(result, SplatCloud) and len(result)
         }
-        for path, seen in self._seen.items():
-            kept = seen.tree.fields
-            seen.tree.fields = {
-                part: field
-                for part, field in kept.items()
-                if (path, part) in fields or self._key((path, part)) in cache
-            }
         return cut, fields
 
     def _wanted(self, cut: Cut) -> Iterator[tuple[tuple[str, Part], Request]]:
@@ -284,6 +285,13 @@ def _parts(
             yield (node, False), rows
         if table.proxies[node] and not refined[rows].all():
             yield (node, True), rows[~refined[rows]]
+
+
+def _is_same(a: list[Drawn], b: list[Drawn]) -> bool:
+    """Return whether two lists have the same fields and instances."""
+    return len(a) == len(b) and all(
+        x[1] is y[1] and (x[2] is y[2] or x[2] == y[2]) for x, y in zip(a, b, strict=True)
+    )
 
 
 def _rows(spec: TreeSpec, part: Part) -> tuple[int, int]:

@@ -93,7 +93,7 @@ class Tree:
     lost: set[int] = field(default_factory=set)
     """Nodes whose own splats cannot be read."""
     fields: dict[tuple[int, bool], Field] = field(default_factory=dict)
-    """(node, is inner) -> the splats as a field of the draw list, while they are in memory."""
+    """(node, is inner) -> the splats as a field of the draw list, for what was drawn last."""
 
     def __post_init__(self) -> None:
         self.elements = self.spec.first_elements()
