@@ -8,6 +8,7 @@ than its parent, because its box lies within its parent's and its error is small
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -26,7 +27,7 @@ MARGIN_PIXELS = 1
 ROUNDING = 1e-6
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class NodeMeasure:
     """Measure of the nodes of one tree in one view.
 
@@ -50,7 +51,7 @@ class NodeMeasure:
         low, high = (each[nodes].astype(np.float64) for each in (self.table.low, self.table.high))
         center, half = 0.5 * (low + high), 0.5 * (high - low)
         with np.errstate(invalid="ignore", over="ignore"):
-            to_camera = (self.screen.world_to_camera @ self.transforms)[instances]
+            to_camera = self._to_camera[instances]
             linear = to_camera[:, :3, :3]
             at = np.einsum("pij,pj->pi", linear, center) + to_camera[:, :3, 3]
             box = _Box(linear, at, half)
@@ -67,7 +68,7 @@ class NodeMeasure:
 
     def _errors(self, instances: I64, nodes: I64, box: _Box) -> F64:
         """Return the projected errors [pixel]."""
-        largest, smallest, eyes = self._of_instances()
+        largest, smallest, eyes = self._of_instances
         errors = self.table.errors[nodes].astype(np.float64)
         scaled = errors * largest[instances] * max(self.screen.focal)
         if self.screen.orthographic:
@@ -79,6 +80,12 @@ class NodeMeasure:
         depth = np.maximum(np.maximum(box.lowest(0, 0, 1), beside), self.screen.clipping_range[0])
         return np.asarray(scaled / np.maximum(depth, np.finfo(np.float64).tiny))
 
+    @cached_property
+    def _to_camera(self) -> F64:
+        """Local to camera of each instance, shape (m, 4, 4)."""
+        return np.asarray(self.screen.world_to_camera @ self.transforms)
+
+    @cached_property
     def _of_instances(self) -> tuple[F64, F64, F64]:
         """Return the largest and the smallest singular value of each instance, shape (m,), and the
         eye in its local space, shape (m, 3)."""
