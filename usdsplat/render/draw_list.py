@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -40,6 +40,8 @@ class Group:
     """Blocks per instance."""
     slot: int
     """First slot of the group."""
+    hidden: npt.NDArray[np.bool_] | None = None
+    """Whether each instance is hidden, shape (m,); None if none is."""
 
     @property
     def all_blocks(self) -> int:
@@ -77,6 +79,19 @@ class DrawList:
     def slots(self) -> int:
         """Slots of all groups."""
         return self.groups[-1].slot + self.groups[-1].slots if self.groups else 0
+
+    def hiding(self, appearances: npt.NDArray[np.bool_]) -> DrawList:
+        """Return the same layout with some of the appearances hidden."""
+        if not appearances.any():
+            return self
+        groups, begin, hidden = [], 0, 0
+        for group in self.groups:
+            end = begin + len(group.transforms)
+            some = appearances[begin:end]
+            groups.append(replace(group, hidden=some) if some.any() else group)
+            hidden += int(some.sum()) * len(group.cloud)
+            begin = end
+        return replace(self, groups=tuple(groups), splats=self.splats - hidden)
 
 
 def draw_list(drawn: Sequence[Drawn], others: Iterable[str] = (), *, budget: int = 0) -> DrawList:

@@ -20,7 +20,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -337,9 +336,7 @@ def find_motion(frame: FrameContext, sample: FrameSample, center: sampling.Sampl
     """Find the motion to the neighbouring frames. Return None if no AOV needs it."""
     if not MOTION & set(frame.aovs):
         return None
-    motion = Motion.between(
-        frame.sampler, center.time, sample.screen, partial(frame.drawn, fade=center.fade)
-    )
+    motion = Motion.between(frame.sampler, center.time, sample.screen, frame.drawn)
     frame.clock.lap("find motion")
     return motion
 

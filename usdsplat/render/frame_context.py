@@ -67,9 +67,9 @@ class FrameContext:
             return scene.draw_list(self.settings.splat_budget)
         return self.nodes.layout(scene, fade)
 
-    def drawn(self, scene: RenderScene, fade: float) -> Sequence[Drawn]:
-        """Return each appearance of splats in a sample, in the order of its layout."""
-        return scene.drawn() if self.nodes is None else self.nodes.drawn(scene, fade)
+    def drawn(self, scene: RenderScene) -> Sequence[Drawn]:
+        """Return each appearance of splats, in the order of the layout."""
+        return scene.drawn() if self.nodes is None else self.nodes.drawn(scene)
 
     @property
     def device(self) -> Device:

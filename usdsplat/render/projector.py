@@ -23,6 +23,8 @@ from usdsplat.render.screen import Screen
 from usdsplat.render.settings import RenderSettings
 from usdsplat.render.specs import FieldSpec
 
+BEHIND = -1e30
+"""Depth of hidden instances, in front of every near plane [scene unit]."""
 DOT_REACH = 4
 """Distance beyond the data window within which display mode points keeps splats [pixel]. Their dots
 may be larger than the splats."""
@@ -241,7 +243,10 @@ class Projector:
 
     def matrices(self, group: Group) -> F64:
         """Return the local-to-camera matrices, shape (m, 3, 4)."""
-        return np.asarray(self._screen.world_to_camera[:3] @ group.transforms)
+        found = np.asarray(self._screen.world_to_camera[:3] @ group.transforms)
+        if group.hidden is not None:
+            found[group.hidden, 2, 3] = BEHIND
+        return found
 
     def record(self, group: Group) -> npt.NDArray[Any]:
         """Return the CAMERA record of `project` for a group."""

@@ -20,13 +20,14 @@ def drawn_counts(scene, view, **settings):
     counts = Counter()
     for group in layout.groups:
         name = "/tree" if group.field.is_node else "/a"
-        counts[name] += len(group.cloud) * len(group.transforms)
-    return dict(counts)
+        hidden = 0 if group.hidden is None else int(group.hidden.sum())
+        counts[name] += len(group.cloud) * (len(group.transforms) - hidden)
+    assert layout.splats == sum(counts.values())
+    return dict(+counts)
 
 
 def drawn_nodes(scene, view, **settings):
     """The nodes of the tree that are drawn."""
     nodes, _ = _drawn(scene, view, **settings)
-    return {
-        int(path.partition(":")[2]) for path, field, _ in nodes.drawn(scene, 0.0) if field.is_node
-    }
+    drawn = nodes.drawn(scene)
+    return {int(path.partition(":")[2]) for path, field, _ in drawn if field.is_node}

@@ -94,14 +94,9 @@ class Cut:
         """Return the error [pixel] above which a sample refines nodes; `fade` is in [0, 1]."""
         return self.limit * (1 + fade * (FADE - 1))
 
-    def at(self, fade: float) -> tuple[Drawn, ...]:
-        """Return what a sample draws of each tree."""
-        error = self.error_at(fade)
-        return tuple(each.keeping(each.seen).above_error(error) for each in self.trees)
-
-    def shows_inner(self, tables: Sequence[NodeTable]) -> bool:
-        """Return whether any of the cuts shows proxies of an inner node."""
-        most = self.error_at(1.0)
+    def shows_inner(self, tables: Sequence[NodeTable], most: float) -> bool:
+        """Return whether proxies of an inner node are shown by a cut that refines nodes above the
+        error `most`, or above a smaller one."""
         for reached, table in zip(self.trees, tables, strict=True):
             inner = (table.child_count > 0) & (table.proxies > 0)
             if (reached.shown & (reached.errors <= most) & inner[reached.nodes]).any():

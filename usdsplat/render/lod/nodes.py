@@ -50,6 +50,17 @@ class _Seen:
         )
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Appearance:
+    """A field, or a part of a node, in one instance."""
+
+    drawn: Drawn
+    least: float = -math.inf
+    """Samples draw it that refine nodes above this error [pixel], or a larger one,"""
+    most: float = math.inf
+    """but below this one."""
+
+
 class PictureNodes:
     """The nodes of one picture. Their splats stay in memory as long as it exists.
 
@@ -65,14 +76,16 @@ class PictureNodes:
         self, sampler: TimeSampler, plan: Sequence[Sample], settings: RenderSettings
     ) -> None:
         self._settings = settings
+        self._fades = settings.lod_samples > 1 or settings.samples > 1
         scene, screens, self._seen = _gathered(sampler, plan)
         budget = settings.splat_budget
         self._cut, self._fields = self._loaded(
             scene.node_cache, screens, _tree_budget(scene, settings)
         )
         self._field_budget = max(1, budget - self._cut.splats) if budget else 0
+        self._most = self._last_error(self._cut)
         tables = [each.spec.table for each in self._seen.values()]
-        self.shows_inner = self._cut.shows_inner(tables)
+        self.shows_inner = self._cut.shows_inner(tables, self._most)
         """Whether an inner node can be seen in any sample."""
         self._last: tuple[list[Drawn], set[str], DrawList | None] = [], set(), None
 
@@ -85,22 +98,32 @@ class PictureNodes:
         """Return the splats of one sample, laid out for kernels.
 
         Splats of captures come first, in the order that breaks ties: fields, and trees by node, in
-        the order of their paths. Coarse levels follow.
+        the order of their paths. Coarse levels follow. All samples have the same layout, so that
+        work is shared between them; in each, the appearances that it does not draw are hidden.
         """
-        drawn, others = self.drawn(scene, fade), scene.other_prims()
+        appearances, others = self._appearances(scene), scene.other_prims()
+        drawn = [each.drawn for each in appearances]
         before, prims, found = self._last
         if found is None or others != prims or not _is_same(drawn, before):
             found = draw_list(drawn, others, budget=self._field_budget)
             found = replace(found, total=scene.draw_list().total)
             self._last = drawn, others, found
-        return found
+        error = self._cut.error_at(fade)
+        limits = np.array([(each.least, each.most) for each in appearances]).reshape(-1, 2)
+        return found.hiding(~((limits[:, 0] <= error) & (error < limits[:, 1])))
 
-    def drawn(self, scene: RenderScene, fade: float) -> list[Drawn]:
-        """Return each appearance of splats in a sample, in the order of its layout."""
-        drawn = [((each[2].path, each[2].index, each[0]), [each]) for each in scene.drawn()]
-        inner: list[Drawn] = []
+    def drawn(self, scene: RenderScene) -> list[Drawn]:
+        """Return each appearance of splats, in the order of the layout."""
+        return [each.drawn for each in self._appearances(scene)]
+
+    def _appearances(self, scene: RenderScene) -> list[_Appearance]:
+        """Return what any sample draws, in the order of the layout."""
+        found = [
+            ((each[2].path, each[2].index, each[0]), [_Appearance(each)]) for each in scene.drawn()
+        ]
+        inner: list[_Appearance] = []
         present = dict(scene.drawn_trees())
-        for (path, seen), nodes in zip(self._seen.items(), self._cut.at(fade), strict=True):
+        for (path, seen), reached in zip(self._seen.items(), self._cut.trees, strict=True):
             if present.get(path) is not seen.tree:
                 continue
             instances = {
@@ -108,20 +131,24 @@ class PictureNodes:
                 for each in seen.tree.instances
                 if (row := seen.rows.get((each.path, each.index))) is not None
             }
-            parts = _parts(seen.spec, nodes.nodes, nodes.refined)
-            captured: list[Drawn] = []
-            for part, which in parts:
+            kept = reached.keeping(reached.seen)
+            captured: list[_Appearance] = []
+            for part, which in _parts(seen.spec, kept.nodes, kept.errors > self._most):
                 field = self._fields.get((path, part))
                 if field is None:
                     continue
-                into = inner if part[1] else captured
-                where = (instances.get(int(row)) for row in nodes.instances[which])
-                into += [(f"{path}:{part[0]}", field, each) for each in where if each is not None]
+                for row in which.tolist():
+                    instance = instances.get(int(kept.instances[row]))
+                    if instance is not None:
+                        least = float(kept.errors[row]) if part[1] else -math.inf
+                        drawn = f"{path}:{part[0]}", field, instance
+                        one = _Appearance(drawn, least, float(kept.above[row]))
+                        (inner if part[1] else captured).append(one)
             if captured:
-                first = captured[0][2]
-                drawn.append(((first.path, first.index, path), captured))
-        drawn.sort(key=lambda each: each[0])
-        return [*(one for _, some in drawn for one in some), *inner]
+                first = captured[0].drawn[2]
+                found.append(((first.path, first.index, path), captured))
+        found.sort(key=lambda each: each[0])
+        return [*(one for _, some in found for one in some), *inner]
 
     # --- private ---------------------------------------------------------------------------
 
@@ -165,7 +192,7 @@ class PictureNodes:
         names: set[tuple[str, Part]] = set()
         for (path, seen), reached in zip(self._seen.items(), cut.trees, strict=True):
             kept = reached.keeping(reached.seen)
-            refined = kept.errors > cut.error_at(1.0)  # the others are drawn in some sample
+            refined = kept.errors > self._last_error(cut)  # the others are drawn in some sample
             names |= {(path, part) for part, _ in _parts(seen.spec, kept.nodes, refined)}
         for path, part in sorted(names):
             seen = self._seen[path]
@@ -176,6 +203,10 @@ class PictureNodes:
             chunk = int(spec.table.chunk[part[0]])
             read = partial(spec.load, chunk, first, count)
             yield (path, part), Request(read=read, size=count * spec.splat_bytes)
+
+    def _last_error(self, cut: Cut) -> float:
+        """Return the largest error [pixel] of an inner node that any sample draws."""
+        return cut.error_at(1.0 if self._fades else 0.0)
 
     def _key(self, name: tuple[str, Part]) -> Hashable:
         """Return the key of a part of a node in the cache."""
