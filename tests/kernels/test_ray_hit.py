@@ -55,7 +55,7 @@ def look(
     scene = scene_of((cloud, matrix), projection_mode=mode)
     screen, space = Screen.of(view_of(eye)), "srgb_rec709_scene"
     buffers = FrameBuffers(device.resident)
-    projector = Projector(device, buffers, scene, screen, settings_of(), space)
+    projector = Projector(device, buffers, scene.draw_list(), screen, settings_of(), space)
     projector.project()
     projector.shade()
     projector.find_ray_hits()

@@ -1,8 +1,8 @@
 """A scene with every feature, and all ways to draw it, for comparing devices. It needs no USD.
 
 It has two fields, one of them with two instances, sheared and mirrored; a mesh with a texture,
-another with colours at its corners, both lit; a crop; and, by case, matte prims, holdouts, samples,
-and every setting that selects another kernel.
+another with colours at its corners, both lit; a crop; and, by case, a splat tree, matte prims,
+holdouts, samples, and every setting that selects another kernel.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from tests.render.lod.trees import made
 from tests.render.rendering import lens, random_cloud, settings_of, view_of
 from tests.render.surface_scenes import add, mesh, sheet
 from usdsplat.kernels.device import Device
@@ -37,6 +38,8 @@ class Case:
     settings: dict[str, Any]
     surfaces: bool = True
     crops: bool = False
+    tree: bool = False
+    """Whether there is a splat tree, seen at several levels."""
     matte: tuple[tuple[str, bool], ...] = ()
     holdout: str = ""
     """"", "flat" or "deep"."""
@@ -65,6 +68,11 @@ CASES: dict[str, Case] = {
     "linear": Case(settings={"blend_space": "linear", "color_mode": "scene"}),
     "inverse view": Case(settings={"color_mode": "inverseView"}),
     "samples": Case(settings={"samples": 3}),
+    "tree": Case(settings={"lod_error": 4.0, "lod_samples": 2}, tree=True),
+    "tree and samples": Case(
+        settings={"lod_error": 4.0, "lod_samples": 2, "samples": 3}, surfaces=False, tree=True
+    ),
+    "tree in colour": Case(settings={"lod_error": 4.0}, surfaces=False, tree=True, aovs=("color",)),
 }
 DEEP = ("splats alone", "rays", "rays and surfaces", "matte splats", "flat holdout", "deep holdout")
 """Cases that are drawn as deep pictures, too."""
@@ -104,6 +112,18 @@ def scene_of(case: Case, splats: int) -> RenderScene:
         keeps = CropSpec(shape="sphere", world_to_shape=tuple(0.6 * moved.ravel()), keeps=True)
         drops = CropSpec(shape="cube", world_to_shape=tuple(3 * np.eye(4).ravel()), keeps=False)
         scene.set_crops("/first", (keeps, drops))
+    if case.tree:
+        tree = made(3, n=2 * splats, leaf=max(4, splats // 8), error=0.06)
+        scene.set_tree("/tree", tree.spec(projection_mode=mode))
+        far = np.diag([0.6, 0.6, 0.6, 1.0])
+        far[2, 3] = -3.0
+        scene.set_instances(
+            "/tree",
+            tuple(
+                InstanceSpec(path="/tree", index=i, transform=tuple(matrix.ravel()))
+                for i, matrix in enumerate((sheared, far))
+            ),
+        )
     if case.surfaces:
         points, triangles, uvs = sheet(6, 5, lambda u, v: (3 * u - 1.5, 2 * v - 1, u - 0.6))
         picture = TextureSpec(pixels=rng.random((13, 22, 3), np.float32))

@@ -59,7 +59,11 @@ def test_the_seen_and_their_pairs_are_those_that_are_drawn(scene, budget):
     assert crossings == pytest.approx(made / 8, rel=0.33)
 
 
-@pytest.mark.parametrize("name", everything.CASES)
+WITHOUT_TREES = [name for name, case in everything.CASES.items() if not case.tree]
+"""The buffers of a tree follow from its cut, see tests/render/lod/test_memory.py."""
+
+
+@pytest.mark.parametrize("name", WITHOUT_TREES)
 def test_a_picture_allocates_what_is_declared(name):
     """Oracle: the bytes of every buffer that a renderer has after one band."""
     case = everything.CASES[name]

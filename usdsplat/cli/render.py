@@ -44,6 +44,7 @@ from usdsplat.cli.render_options import (
     DrawingFlags,
     FileOptions,
     FramingOptions,
+    LevelFlags,
     SamplingFlags,
 )
 from usdsplat.cli.reporting import Reporter, ReportingOptions
@@ -90,6 +91,7 @@ class Options:
     """print one JSON object with the pictures, the files that --resume skipped, and the findings"""
     framing: FramingOptions = field(default_factory=FramingOptions)
     drawing: DrawingFlags = field(default_factory=DrawingFlags)
+    levels: LevelFlags = field(default_factory=LevelFlags)
     sampling: SamplingFlags = field(default_factory=SamplingFlags)
     color: ColorFlags = field(default_factory=ColorFlags)
     file: FileOptions = field(default_factory=FileOptions)
@@ -166,7 +168,7 @@ def _request(options: Options) -> RenderRequest:
     from usdsplat.products.request import RenderRequest
 
     framing, file = options.framing, options.file
-    flags = (options.drawing, options.sampling, options.color, file)
+    flags = (options.drawing, options.levels, options.sampling, options.color, file)
     return RenderRequest(
         output=options.output,
         camera=framing.camera,

@@ -16,6 +16,11 @@ DrawingFlags: Any = flags_of(
     ),
     about="How splats and surfaces are drawn.",
 )  # fmt: skip
+LevelFlags: Any = flags_of(
+    RenderSettings,
+    ("lod_error", "lod_samples", "node_memory", "node_lifetime"),
+    about="Levels of detail of splat trees.",
+)
 SamplingFlags: Any = flags_of(
     RenderSettings,
     ("samples", "pixel_filter", "filter_width", "motion_blur", "depth_of_field"),

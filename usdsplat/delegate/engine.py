@@ -29,7 +29,8 @@ from usdsplat.render.cost import Work
 from usdsplat.render.deep_memory import USUAL_SIZE, DeepSize
 from usdsplat.render.deep_samples import DeepSamples
 from usdsplat.render.frame_stats import FrameStats
-from usdsplat.render.memory import COLOR_ALONE, Estimate, PictureRequest, estimate
+from usdsplat.render.lod.memory import estimate
+from usdsplat.render.memory import COLOR_ALONE, Estimate, PictureRequest
 from usdsplat.render.renderer import ReadHoldout, TimeSampler, depends_on_time
 from usdsplat.render.scene import RenderScene
 from usdsplat.render.settings import RenderSettings
@@ -337,9 +338,8 @@ class Engine:
     ) -> Estimate:
         """Estimate the memory of a picture; arguments as in `memory.estimate`."""
         self.sync()
-        settings = self._resolved(settings)
         return estimate(
-            self._param.scene, view, settings, request, band_pixels=band_pixels,
+            self._param.scene, view, self._resolved(settings), request, band_pixels=band_pixels,
             threads=self._drawer.threads,
         )  # fmt: skip
 

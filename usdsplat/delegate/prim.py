@@ -14,6 +14,7 @@ from usdsplat.core.cloud import F64
 from usdsplat.delegate.dirty_bits import DirtyBits
 from usdsplat.delegate.instancing import InstancerSpec, Placement
 from usdsplat.delegate.render_param import RenderParam
+from usdsplat.render.lod.tree import TreeSpec
 from usdsplat.render.specs import CameraSpec, CropSpec, FieldSpec, LightSpec, MeshSpec
 
 
@@ -22,6 +23,9 @@ class SceneDelegate(Protocol):
 
     def field(self, path: str) -> FieldSpec | None:
         """Return the splats of a field, or None if it cannot be drawn."""
+
+    def tree(self, path: str) -> TreeSpec | None:
+        """Return a splat tree, or None if it cannot be drawn."""
 
     def mesh(self, path: str, bits: DirtyBits) -> MeshSpec | None:
         """Return a mesh, reading only what `bits` marks, or None if it cannot be drawn."""

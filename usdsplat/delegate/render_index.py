@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from types import MappingProxyType
 from typing import TypeVar
 
-from usdsplat.core.errors import StageError
+from usdsplat.core.errors import StageError, UsdSplatError
 from usdsplat.delegate.camera import Camera
 from usdsplat.delegate.change_tracker import ChangeTracker
 from usdsplat.delegate.instancer import Instancer
@@ -16,13 +16,14 @@ from usdsplat.delegate.prim import Prim, SceneDelegate
 from usdsplat.delegate.render_buffer import RenderBuffer
 from usdsplat.delegate.render_param import RenderParam
 from usdsplat.delegate.splat_field import SplatField
+from usdsplat.delegate.splat_tree import SplatTree
 from usdsplat.render.specs import SortingMode
 
 P = TypeVar("P", bound=Prim)
 
 
 class RenderIndex:
-    """Owner of rprims (fields, meshes), instancers, sprims (cameras, lights) and render buffers."""
+    """Owner of rprims (fields, trees, meshes), instancers, sprims (cameras, lights), buffers."""
 
     def __init__(self, param: RenderParam) -> None:
         self.tracker = ChangeTracker()
@@ -42,6 +43,10 @@ class RenderIndex:
     def insert_field(self, path: str) -> None:
         """Add an rprim; it pulls everything at the next sync."""
         self._insert(self._fields, SplatField(path, self.instancers))
+
+    def insert_tree(self, path: str) -> None:
+        """Add an rprim; it pulls everything at the next sync."""
+        self._insert(self._fields, SplatTree(path, self.instancers))
 
     def insert_mesh(self, path: str) -> None:
         """Add an rprim; it pulls everything at the next sync."""
@@ -100,6 +105,11 @@ class RenderIndex:
         for path, field in sorted(self._fields.items()):
             if field.sorting_hint is not None:
                 yield path, field.sorting_hint
+
+    def tree_problems(self) -> Iterator[tuple[str, Mapping[int, UsdSplatError]]]:
+        """Yield (path, chunk -> why it could not be read) of the drawn trees."""
+        for path, tree in self._param.scene.drawn_trees():
+            yield path, tree.problems
 
     def sync_all(self, scene: SceneDelegate) -> None:
         """Sync dirty prims: sprims, then instancers, then the rprims that they carry.

@@ -173,6 +173,19 @@ def resolve(y, x, ranks, records, order, sources, first_slots, labels, depth, id
         ids[3, y, x] = drawn
 
 
+@kernel(over="rows", writes=("elements",), axes=2)
+def number_elements(y, x, rows, first, elements):
+    """Add the element id of the first splat of its appearance to each element id.
+
+    Args:
+        rows: Row of the appearance in `first`, -1 where no splat is, shape (h, w) i32.
+        first: Element ids, shape (m,) i32.
+        elements: Changed in place, shape (h, w) i32.
+    """
+    if rows[y, x] >= 0:
+        elements[y, x] += first[rows[y, x]]
+
+
 @kernel(over="ranks", writes=("depth",), axes=2)
 def hold_depth(y, x, ranks, depths, most, depth):
     """Replace the depths of splats by `depths`, and limit them to `most`, if these are given.

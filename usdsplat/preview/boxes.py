@@ -73,6 +73,9 @@ class Reach:
             if box is not None:
                 points += corners(box, matrix(instance.transform))
         self._known = known
+        for _, tree in scene.drawn_trees():
+            for instance in tree.instances:
+                points += corners(tree.box, matrix(instance.transform))
         return around(points)
 
 

@@ -305,7 +305,7 @@ def _follow(state: ViewState, scenes: tuple[Scene, ...]) -> bool:
 def _job(state: ViewState, scene: Scene, quality: Quality) -> _Job:
     settings = scene.look.settings
     if not quality.averages:
-        settings = replace(settings, samples=1)
+        settings = replace(settings, samples=1, lod_samples=1)
     if quality.splats is not None:
         settings = replace(settings, splat_budget=quality.splats)
     view = view_of(scene, state.size, quality.scale)
@@ -316,7 +316,7 @@ def _load(state: ViewState, scenes: tuple[Scene, ...]) -> Load:
     return Load(
         pixels=state.size[0] * state.size[1],
         splats=max(_budgeted(scene) for scene in scenes),
-        samples=max(scene.look.settings.samples for scene in scenes),
+        samples=max(scene.samples for scene in scenes),
     )
 
 

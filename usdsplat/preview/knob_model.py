@@ -70,6 +70,7 @@ _GROUPS: Mapping[str, tuple[str, ...]] = {
         "splat_budget",
         "blend_space",
     ),
+    "Levels of detail": ("lod_error", "lod_samples", "node_memory", "node_lifetime"),
     "Colour": (
         "color_mode",
         "working_space",
@@ -91,6 +92,7 @@ _OTHER = "Other"
 _WORDS = {
     "aov": "AOV",
     "ccd": "CCD",
+    "lod": "LOD",
     "ocio": "OCIO",
     "rd": "RD",
     "rgb": "RGB",

@@ -7,7 +7,7 @@ engine, which is closed when the comparison ends.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 from usdsplat.delegate.default_camera import Box, frame_subject
@@ -15,7 +15,8 @@ from usdsplat.delegate.engine import Engine
 from usdsplat.preview.boxes import Reach
 from usdsplat.preview.camera import FreeCamera
 from usdsplat.preview.values import Look, ViewState
-from usdsplat.render.specs import CameraSpec
+from usdsplat.render.lod.nodes import view_cut
+from usdsplat.render.specs import CameraSpec, Framing, View
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -32,9 +33,17 @@ class Scene:
     prims: tuple[str, ...]
     """Paths of the prims by primId."""
     splats: int
-    """Splats on the stage, counting every instance."""
+    """Splats of a picture without a budget, counting every instance."""
     version: int
     """Version of the render scene."""
+    has_trees: bool = False
+    """Whether there are splat trees."""
+
+    @property
+    def samples(self) -> int:
+        """Number of samples of a picture in full quality."""
+        settings = self.look.settings
+        return max(settings.samples, settings.lod_samples**2 if self.has_trees else 1)
 
     @property
     def place(self) -> tuple[Any, ...]:
@@ -115,16 +124,22 @@ class Scenes:
         engine.set_purposes(state.purposes)
         engine.set_refinement(look.settings.refinement)
         scene = engine.render_scene
-        layout = scene.draw_list()
+        layout, camera = scene.draw_list(), self._camera(state, engine)
+        splats = layout.total
+        if scene.has_trees:
+            view = View(camera=camera, framing=Framing(resolution=state.size))
+            unlimited = replace(look.settings, splat_budget=0)
+            splats = min(splats, layout.splats + view_cut(scene, view, unlimited).splats)
         return Scene(
             engine=engine,
             number=0 if engine is self._engine else self._count,
             look=look,
             time=engine.time,
-            camera=self._camera(state, engine),
+            camera=camera,
             prims=layout.prims,
-            splats=layout.total,
+            splats=splats,
             version=engine.version,
+            has_trees=scene.has_trees,
         )
 
     def _camera(self, state: ViewState, engine: Engine) -> CameraSpec:

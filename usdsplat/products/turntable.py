@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -130,7 +131,8 @@ def _camera_around(stage: Usd.Stage) -> tuple[CameraSpec, F64]:
 
 
 def _some_points(scene: RenderScene) -> F64:
-    """Return world centres of splats, a few thousand per instance, shape (n, 3)."""
+    """Return world centres of splats, a few thousand per instance, and the corners of the boxes of
+    splat trees, shape (n, 3)."""
     parts = [np.empty((0, 3))]
     for _, field, instance in scene.drawn():
         positions = field.spec.cloud.positions
@@ -138,6 +140,12 @@ def _some_points(scene: RenderScene) -> F64:
         to_world = matrix(instance.transform)
         placed = positions @ to_world[:3, :3].T + to_world[:3, 3]
         parts.append(placed[np.isfinite(placed).all(axis=1)])
+    for _, tree in scene.drawn_trees():
+        box = np.array(list(itertools.product(*zip(*tree.box, strict=True))))
+        for instance in tree.instances:
+            to_world = matrix(instance.transform)
+            placed = box @ to_world[:3, :3].T + to_world[:3, 3]
+            parts.append(placed[np.isfinite(placed).all(axis=1)])
     return np.concatenate(parts)
 
 

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from usdsplat.images.cryptomatte import LAYERS, object_hash, rank_pairs
 from usdsplat.kernels import cryptomatte, total
 from usdsplat.kernels.device import Device
+from usdsplat.render.aov_resolver import SplatLayers
 from usdsplat.render.frame_buffers import MatteBuffers
 from usdsplat.render.frame_context import FrameContext
 from usdsplat.render.matte_groups import MatteGroups
@@ -26,7 +27,7 @@ class SampleAccumulator:
 
     def __init__(self, frame: FrameContext, shape: tuple[int, int], names: Sequence[str]) -> None:
         self._device = frame.device
-        self._count = 0
+        self._count = self._matte_count = 0
         self._sums: dict[str, npt.NDArray[Any]] = {}
         sums = {"color": frame.buffers.sums.color, "albedo": frame.buffers.sums.albedo}
         for name in names:
@@ -47,19 +48,74 @@ class SampleAccumulator:
             arrays: AOV -> pixels; of layers of Cryptomatte lists of (groups, weights).
             groups: Layer of Cryptomatte -> the groups of this sample.
         """
+        self.add_images(arrays)
+        self.add_mattes(arrays, groups)
+
+    def add_images(self, arrays: Mapping[str, Any]) -> None:
+        """Add colour and albedo of one sample."""
         self._count += 1
         for name, held in self._sums.items():
             self._device.run(total.add, held, arrays[name])
+
+    def add_mattes(self, arrays: Mapping[str, Any], groups: Mapping[str, MatteGroups]) -> None:
+        """Add the layers of Cryptomatte of one sample."""
+        self._matte_count += 1
         for layer, mattes in self._mattes.items():
             mattes.add(arrays[layer], groups[layer].names)
 
     def finish(self) -> dict[str, npt.NDArray[Any]]:
         """Return the averages as arrays of the device."""
         scale = np.float32(1 / self._count)
+        matte_scale = np.float32(1 / self._matte_count)
         for each in self._sums.values():
             self._device.run(total.scale, each, scale)
-        ranked = {layer: mattes.ranked(scale) for layer, mattes in self._mattes.items()}
+        ranked = {layer: mattes.ranked(matte_scale) for layer, mattes in self._mattes.items()}
         return {**self._sums, **ranked}
+
+
+class LayerAverage:
+    """Mean of the splat layers of samples that share their surfaces, in the blend space.
+
+    Coarse levels of splat trees stand for splats that are blended in that space. Their samples must
+    be averaged there too, unlike those of shutter and lens, which average light.
+    """
+
+    def __init__(self, frame: FrameContext, shape: tuple[int, int]) -> None:
+        self._device, self._shape = frame.device, shape
+        self._buffers = frame.buffers.layers
+        self._sums: dict[str, npt.NDArray[Any]] = {}
+        self._count = 0
+
+    def add(self, layers: SplatLayers) -> None:
+        """Add the layers of one sample."""
+        self._count += 1
+        for name, array in (
+            ("color", layers.color),
+            ("albedo", layers.albedo),
+            ("left", layers.left),
+        ):
+            if array is None:
+                continue
+            if name not in self._sums:
+                self._sums[name] = getattr(self._buffers, name)(*self._shape)
+                self._device.run(total.clear, _with_channels(self._sums[name]))
+            self._device.run(total.add, _with_channels(self._sums[name]), _with_channels(array))
+
+    def finish(self) -> SplatLayers:
+        """Return the means as arrays of the device."""
+        scale = np.float32(1 / self._count)
+        for each in self._sums.values():
+            self._device.run(total.scale, _with_channels(each), scale)
+        return SplatLayers(
+            color=self._sums["color"],
+            albedo=self._sums.get("albedo"),
+            left=self._sums.get("left"),
+        )
+
+
+def _with_channels(image: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Return an image with an axis of channels."""
+    return image if image.ndim == 3 else image.reshape((*image.shape, 1))
 
 
 class _Mattes:

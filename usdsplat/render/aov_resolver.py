@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -9,10 +10,12 @@ import numpy as np
 from usdsplat.core.cloud import F32, I32
 from usdsplat.images.cryptomatte import LAYERS, rank_pairs
 from usdsplat.kernels import cryptomatte, feature, position, surface
+from usdsplat.kernels import median as median_kernels
 from usdsplat.render.frame_context import FrameContext, FrameSample
 from usdsplat.render.matte_groups import MatteGroups
 from usdsplat.render.motion import Motion
 from usdsplat.render.occluders import Occluders
+from usdsplat.render.projector import ProjectedSplats
 from usdsplat.render.surfaces import SurfaceBand
 from usdsplat.render.tile_lists import TileLists
 
@@ -38,6 +41,18 @@ def products_of(aovs: set[str]) -> frozenset[str]:
     """Return the products that must be drawn in addition to colour."""
     products = {PRODUCT[name] for name in aovs if name in PRODUCT}
     return frozenset(products | ({"median"} if aovs - BESIDE_MEDIAN else set()))
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class SplatLayers:
+    """Layers of splats of a band in the blend space, as arrays of the device."""
+
+    color: F32
+    """Premultiplied RGBA, shape (h, w, 4)."""
+    albedo: F32 | None
+    """The same of the albedo; None if it is not needed."""
+    left: F32 | None
+    """Transmittance to the surfaces, shape (h, w); None without surfaces."""
 
 
 class AovResolver:
@@ -79,6 +94,7 @@ class AovResolver:
         if wanted - BESIDE_MEDIAN:
             arrays |= self._nearest("median")
             arrays |= self._places(arrays, motion, y0, wanted)
+            self._number_elements(arrays)  # motion needs rows of the fields
         if "depthFront" in wanted:
             arrays["depthFront"] = self._nearest("front")["depth"]
         if wanted & SUMMED:
@@ -89,6 +105,20 @@ class AovResolver:
             behind = None if surfaces is None else surfaces.color
             arrays["color"] = composited(self._frame, color, left, behind)
         return arrays
+
+    def layers(self, aovs: tuple[str, ...]) -> tuple[SplatLayers, dict[str, Any]]:
+        """Return the layers of averaged AOVs before they are composited, and unranked mattes."""
+        wanted = set(aovs)
+        mattes = {layer: groups for layer, groups in self._sample.groups.items() if layer in wanted}
+        rank = self._frame.settings.crypto_rank
+        color, through = self._tiles.color(products_of(wanted), mattes, rank)
+        self._frame.clock.lap("blend")
+        left = None if self._surfaces is None else self._left(color, through)
+        albedo = self._tiles.sums("albedo") if "albedo" in wanted else None
+        ranked = {
+            layer: self._matte(layer, groups, left, raw=True) for layer, groups in mattes.items()
+        }
+        return SplatLayers(color=color, albedo=albedo, left=left), ranked
 
     # --- private ---------------------------------------------------------------------------
 
@@ -138,6 +168,16 @@ class AovResolver:
             )
         self._frame.clock.lap("places")
         return arrays
+
+    def _number_elements(self, median: dict[str, Any]) -> None:
+        """Convert rows of nodes of splat trees to element ids of the trees."""
+        assert isinstance(self._sample.splats, ProjectedSplats)
+        first = self._sample.splats.layout.first_elements
+        if first.size:
+            keep = self._frame.device.keep
+            self._run(
+                median_kernels.number_elements, median["row"], keep(first), median["elementId"]
+            )
 
     def _features(self, left: F32 | None, wanted: set[str]) -> dict[str, Any]:
         """Return sums of features over all contributions to a pixel."""

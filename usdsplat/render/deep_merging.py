@@ -27,6 +27,7 @@ from usdsplat.render import sampling
 from usdsplat.render.deep_samples import DeepSamples
 from usdsplat.render.frame import DEEP_PIXELS, bin_band, deep_samples, fetched_surfaces, prepare
 from usdsplat.render.frame_context import FrameContext
+from usdsplat.render.lod.nodes import samples_of
 from usdsplat.render.screen import Screen
 from usdsplat.render.settings import RenderSettings
 from usdsplat.render.specs import CameraSpec
@@ -243,6 +244,7 @@ def merged_region(
     """
     x0, y0, x1, y1 = window
     plan = sampling.samples(frame.settings, camera)
+    plan = tuple(each[0] for each in samples_of(frame.settings, plan, frame.nodes, 1))
     merged = DeepAccumulator(frame.device, len(plan), regions.most)
     try:
         for each in plan:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -40,6 +40,8 @@ class Group:
     """Blocks per instance."""
     slot: int
     """First slot of the group."""
+    hidden: npt.NDArray[np.bool_] | None = None
+    """Whether each instance is hidden, shape (m,); None if none is."""
 
     @property
     def all_blocks(self) -> int:
@@ -66,6 +68,8 @@ class DrawList:
     prims: tuple[str, ...]
     """Paths of all drawn prims, surfaces included, sorted. The number of a prim is its index
     here."""
+    first_elements: I32
+    """Element id of the first splat of each appearance, shape (n,); empty if all are 0."""
     splats: int
     """Number of drawn splats; each instance counts."""
     total: int
@@ -75,6 +79,19 @@ class DrawList:
     def slots(self) -> int:
         """Slots of all groups."""
         return self.groups[-1].slot + self.groups[-1].slots if self.groups else 0
+
+    def hiding(self, appearances: npt.NDArray[np.bool_]) -> DrawList:
+        """Return the same layout with some of the appearances hidden."""
+        if not appearances.any():
+            return self
+        groups, begin, hidden = [], 0, 0
+        for group in self.groups:
+            end = begin + len(group.transforms)
+            some = appearances[begin:end]
+            groups.append(replace(group, hidden=some) if some.any() else group)
+            hidden += int(some.sum()) * len(group.cloud)
+            begin = end
+        return replace(self, groups=tuple(groups), splats=self.splats - hidden)
 
 
 def draw_list(drawn: Sequence[Drawn], others: Iterable[str] = (), *, budget: int = 0) -> DrawList:
@@ -101,6 +118,7 @@ def draw_list(drawn: Sequence[Drawn], others: Iterable[str] = (), *, budget: int
             first_slots.append(slot + span * np.arange(i + 1 - begin, dtype=np.int64))
             slot += groups[-1].slots
             begin = i + 1
+    elements = [field.first_element & np.iinfo(np.int32).max for _, field, _ in drawn]
     starts = [g.slot + g.block * np.arange(g.all_blocks, dtype=np.int64) for g in groups]
     nothing = np.empty(0, np.int64)
     return DrawList(
@@ -109,6 +127,7 @@ def draw_list(drawn: Sequence[Drawn], others: Iterable[str] = (), *, budget: int
         labels=np.array(labels, np.int32).reshape(-1, 2),
         block_starts=np.concatenate([*starts, nothing]),
         prims=tuple(prims),
+        first_elements=np.array(elements if any(elements) else [], np.int32),
         splats=sum(len(g.transforms) * len(g.cloud) for g in groups),
         total=sum(len(g.transforms) * len(g.field.spec.cloud) for g in groups),
     )
@@ -116,7 +135,7 @@ def draw_list(drawn: Sequence[Drawn], others: Iterable[str] = (), *, budget: int
 
 def _parts(drawn: Sequence[Drawn], budget: int) -> dict[int, SplatSubset]:
     """Return the subset of each field by its id; empty if all splats are drawn."""
-    fields = {id(field): field for _, field, _ in drawn}
+    fields = {id(field): field for _, field, _ in drawn if not field.is_node}
     instances = Counter(id(field) for _, field, _ in drawn)
     sizes = [(len(field.spec.cloud), instances[key]) for key, field in fields.items()]
     if budget == 0 or sum(count * times for count, times in sizes) <= budget:

@@ -43,6 +43,13 @@ class Field:
     """Token that is replaced whenever geometry or opacity changes."""
     radiance: object = field(default_factory=object)
     """Token that is replaced whenever harmonics change."""
+    first_element: int = 0
+    """Element id of the first splat."""
+    is_node: bool = False
+    """Whether these are splats of a node of a tree. A budget of splats does not reduce them."""
+    is_inner: bool = False
+    """Whether these splats stand for those of a tree below them. They are always antialiased, and
+    drawn with samples of their own."""
 
     def subset(self, count: int) -> SplatSubset:
         """Return the `count` most conspicuous splats of the field."""

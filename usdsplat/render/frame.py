@@ -4,9 +4,10 @@
     draw_band     of each band: rasterize surfaces, bin splats by tile, resolve the AOVs
     average_band  over the samples of a band
 
-A sample is a sharp picture at one time through one point of the lens. A picture of one sample is
-prepared once, for all of its bands. Each of many samples is prepared again for each band, so that
-memory does not grow with their number.
+A sample is a sharp picture at one time through one point of the lens. Where coarse levels of splat
+trees are seen, it is repeated with other points in the pixel for them, see `lod.nodes`. A picture
+of one sample is prepared once, for all of its bands. Each of many samples is prepared again for
+each band, so that memory does not grow with their number.
 
 Tiles are rasterized where AOVs are resolved, in `aov_resolver`. Colour, albedo and mattes are
 averaged over all samples. Every other AOV is read from one more sample, in the center of shutter,
@@ -28,18 +29,25 @@ from usdsplat.images.cryptomatte import LAYERS
 from usdsplat.kernels import surface
 from usdsplat.kernels.device import Device
 from usdsplat.render import sampling
-from usdsplat.render.accumulator import SampleAccumulator
-from usdsplat.render.aov_resolver import AVERAGED, SUMMED, AovResolver, composited
+from usdsplat.render.accumulator import LayerAverage, SampleAccumulator
+from usdsplat.render.aov_resolver import (
+    AVERAGED,
+    SUMMED,
+    AovResolver,
+    SplatLayers,
+    composited,
+)
 from usdsplat.render.band import Band
 from usdsplat.render.deep_samples import DeepSamples
 from usdsplat.render.display import displayed
 from usdsplat.render.frame_context import FrameContext, FrameSample
+from usdsplat.render.lod.nodes import samples_of
 from usdsplat.render.motion import Motion
 from usdsplat.render.occluders import Occluders, with_holdout
 from usdsplat.render.projector import ProjectedSplats, Projector
 from usdsplat.render.rasterizer import WholeImage
 from usdsplat.render.screen import Screen
-from usdsplat.render.specs import CameraSpec
+from usdsplat.render.specs import CameraSpec, View
 from usdsplat.render.surfaces import SurfaceBand, Surfaces
 from usdsplat.render.tile_lists import TileLists
 
@@ -53,9 +61,10 @@ def render_frame(
     frame: FrameContext, camera: CameraSpec, screen: Screen, band_pixels: int
 ) -> Iterator[Band]:
     """Draw a picture, band by band from the top."""
-    plan = sampling.samples(frame.settings, camera)
+    samples = sampling.samples(frame.settings, camera)
+    plan = samples_of(frame.settings, samples, frame.nodes, frame.settings.lod_samples)
     center = sampling.center(frame.settings, camera)
-    if len(plan) == 1:
+    if len(plan) == 1 and len(plan[0]) == 1:
         sample = prepare(frame, center, screen.window, frame.aovs)
         motion = find_motion(frame, sample, center)
         for y0, y1 in screen.bands(band_pixels):
@@ -72,7 +81,7 @@ def render_frame(
 
 def average_band(
     frame: FrameContext,
-    plan: tuple[sampling.Sample, ...],
+    plan: tuple[tuple[sampling.Sample, ...], ...],
     center: sampling.Sample,
     screen: Screen,
     rows: tuple[int, int],
@@ -93,12 +102,52 @@ def average_band(
     if averaged:
         sums = SampleAccumulator(frame, (y1 - y0, x1 - x0), averaged)
         for each in plan:
-            sample = prepare(frame, each, window, averaged)
+            if len(each) > 1:
+                add_repeated(frame, each, window, averaged, sums)
+                continue
+            sample = prepare(frame, each[0], window, averaged)
             drawn = draw_band(frame, sample, rows, averaged, None, raw=True)
             sums.add(drawn, sample.groups)
             frame.clock.lap("accumulate")
         arrays |= fetched(frame.device, sums.finish())
     return arrays
+
+
+def add_repeated(
+    frame: FrameContext,
+    repeated: tuple[sampling.Sample, ...],
+    window: tuple[int, int, int, int],
+    aovs: tuple[str, ...],
+    sums: SampleAccumulator,
+) -> None:
+    """Add the mean of samples that differ only in coarse levels of splat trees.
+
+    Args:
+        window: The pixels of the band.
+        aovs: Averaged AOVs.
+        sums: The accumulator of the picture.
+    """
+    (x0, y0, x1, y1), behind = window, None
+    mean = LayerAverage(frame, (y1 - y0, x1 - x0))
+    for each in repeated:
+        sample = prepare(frame, each, window, aovs)
+        if isinstance(sample.splats, WholeImage):
+            mean.add(SplatLayers(color=sample.splats.rows(y0, y1), albedo=None, left=None))
+            continue
+        tiles, occluders, behind = bin_band(frame, sample, (y0, y1))
+        layers, mattes = AovResolver(frame, sample, tiles, occluders, behind).layers(aovs)
+        mean.add(layers)
+        sums.add_mattes(mattes, sample.groups)
+        frame.stats.blocks += tiles.blocks
+        frame.clock.lap("accumulate")
+    found = mean.finish()
+    color = None if behind is None else behind.color
+    arrays = {"color": composited(frame, found.color, found.left, color)}
+    if found.albedo is not None:
+        under = None if behind is None else behind.albedo
+        arrays["albedo"] = composited(frame, found.albedo, found.left, under, counts=False)
+    sums.add_images(arrays)
+    frame.clock.lap("accumulate")
 
 
 def render_deep(
@@ -172,8 +221,9 @@ def prepare(
     )
     surfaces = Surfaces.of(frame.device, scene, screen, view.matte, cache=frame.surface_cache)
     frame.clock.lap("surfaces")
+    layout, inner = frame.layout(scene, sample.fade), _inner_screen(view, window, sample)
     projector = Projector(
-        frame.device, frame.buffers, scene, screen, frame.settings, frame.blend_space
+        frame.device, frame.buffers, layout, screen, frame.settings, frame.blend_space, inner
     )
     occludes = surfaces is not None or frame.holdout is not None
     if set(aovs) == {"color"} and not occludes:
@@ -193,6 +243,13 @@ def prepare(
         frame.clock.lap("display")
     groups = {layer: scene.matte_groups(layer) for layer in LAYERS if layer in aovs}
     return FrameSample(screen, splats, surfaces, groups)
+
+
+def _inner_screen(view: View, window: tuple[int, int, int, int], sample: sampling.Sample) -> Screen:
+    """Return the screen of a sample for coarse levels of splat trees."""
+    screen = Screen.of(view)
+    screen = replace(screen, window=window, low_pass=screen.low_pass * sample.inner_low_pass)
+    return screen.through(sample.lens, view.camera.focus_distance, sample.inner_offset)
 
 
 def _projected(
@@ -279,7 +336,7 @@ def find_motion(frame: FrameContext, sample: FrameSample, center: sampling.Sampl
     """Find the motion to the neighbouring frames. Return None if no AOV needs it."""
     if not MOTION & set(frame.aovs):
         return None
-    motion = Motion.between(frame.sampler, center.time, sample.screen)
+    motion = Motion.between(frame.sampler, center.time, sample.screen, frame.drawn)
     frame.clock.lap("find motion")
     return motion
 

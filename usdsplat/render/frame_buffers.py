@@ -233,6 +233,17 @@ class SumBuffers(BufferGroup):
     """Shape (h, w, 3)."""
 
 
+class LayerBuffers(BufferGroup):
+    """Sums of the splat layers of repeated samples of a band, in the blend space."""
+
+    color = Buffer(lambda height, width: (height, width, 4), F32)
+    """Shape (h, w, 4)."""
+    albedo = Buffer(lambda height, width: (height, width, 4), F32)
+    """Shape (h, w, 4)."""
+    left = Buffer(lambda height, width: (height, width), F32)
+    """Shape (h, w)."""
+
+
 MATTES = {
     "cryptoObject": "crypto_object",
     "cryptoAsset": "crypto_asset",
@@ -267,6 +278,7 @@ class FrameBuffers:
     surfaces: SurfaceBuffers
     triangles: TriangleBuffers
     sums: SumBuffers
+    layers: LayerBuffers
 
     def __init__(self, empty: Empty) -> None:
         for name, group in self.groups().items():

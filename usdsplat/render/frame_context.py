@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from usdsplat.kernels.device import Device
+from usdsplat.render.draw_list import DrawList
+from usdsplat.render.fields import Drawn
 from usdsplat.render.frame_buffers import FrameBuffers
 from usdsplat.render.frame_stats import Clock, FrameStats
+from usdsplat.render.lod.nodes import PictureNodes
 from usdsplat.render.matte_groups import MatteGroups
 from usdsplat.render.occluders import ReadHoldout
 from usdsplat.render.output import Output
@@ -52,9 +55,21 @@ class FrameContext:
     """Colour space in which splats are blended."""
     output: Output
     holdout: ReadHoldout | None
+    nodes: PictureNodes | None
+    """The nodes of splat trees; None without trees."""
     buffers: FrameBuffers
     stats: FrameStats
     clock: Clock
+
+    def layout(self, scene: RenderScene, fade: float) -> DrawList:
+        """Return the splats of a sample, see `PictureNodes.layout`."""
+        if self.nodes is None:
+            return scene.draw_list(self.settings.splat_budget)
+        return self.nodes.layout(scene, fade)
+
+    def drawn(self, scene: RenderScene) -> Sequence[Drawn]:
+        """Return each appearance of splats, in the order of the layout."""
+        return scene.drawn() if self.nodes is None else self.nodes.drawn(scene)
 
     @property
     def device(self) -> Device:

@@ -14,7 +14,8 @@ import numpy as np
 
 from usdsplat.core.cloud import F32, I32
 from usdsplat.images.cryptomatte import object_hash
-from usdsplat.render.fields import Drawn, DrawnMesh, distinct_meshes
+from usdsplat.render.fields import DrawnMesh, distinct_meshes
+from usdsplat.render.specs import InstanceSpec
 
 UNBOUND = "default"
 """Name of the group of everything without a bound material."""
@@ -39,21 +40,24 @@ class MatteGroups:
 
 
 def matte_groups(
-    layer: str, prims: Sequence[str], drawn: Sequence[Drawn], meshes: Sequence[DrawnMesh]
+    layer: str,
+    prims: Sequence[str],
+    splats: Sequence[InstanceSpec],
+    meshes: Sequence[DrawnMesh],
 ) -> MatteGroups:
     """Return the groups of one of `cryptomatte.LAYERS`.
 
     Args:
         prims: Paths of all drawn prims, sorted.
-        drawn, meshes: Appearances of splats and of meshes.
+        splats, meshes: Appearances of splats and of meshes.
     """
     if layer == "cryptoObject":
         return MatteGroups(names=tuple(prims), of_prims=np.arange(len(prims), dtype=np.int32))
     if layer == "cryptoAsset":
-        seen = (each[2] for each in (*drawn, *meshes))
+        seen = (*splats, *(instance for _, _, instance in meshes))
         assets = {instance.path: instance.asset or instance.path for instance in seen}
         return _grouped(prims, assets, None)
-    bound = {instance.path: instance.material or UNBOUND for _, _, instance in drawn}
+    bound = {instance.path: instance.material or UNBOUND for instance in splats}
     specs, _ = distinct_meshes(meshes)
     of_meshes = [each.path or UNBOUND for spec in specs for each in spec.materials]
     return _grouped(prims, bound, of_meshes)

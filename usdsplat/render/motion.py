@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,6 +12,7 @@ import numpy.typing as npt
 from usdsplat.core.cloud import F32, F64, I64, SplatCloud
 from usdsplat.kernels import position
 from usdsplat.kernels.device import Device
+from usdsplat.render.fields import Drawn
 from usdsplat.render.frame_buffers import PixelBuffers
 from usdsplat.render.scene import RenderScene, matrix
 from usdsplat.render.screen import Screen
@@ -30,19 +31,19 @@ class _Pose:
     order."""
 
     screen: Screen
-    things: dict[tuple[str, int], tuple[F64, Thing]]
+    things: dict[tuple[str, str, int], tuple[F64, Thing]]
 
     @classmethod
-    def of(cls, scene: RenderScene, view: View) -> _Pose:
-        things: dict[tuple[str, int], tuple[F64, Thing]] = {}
+    def of(cls, scene: RenderScene, view: View, drawn: Sequence[Drawn]) -> _Pose:
+        things: dict[tuple[str, str, int], tuple[F64, Thing]] = {}
 
-        def put(instance: InstanceSpec, thing: Thing) -> None:
-            things[instance.path, instance.index] = matrix(instance.transform), thing
+        def put(path: str, instance: InstanceSpec, thing: Thing) -> None:
+            things[path, instance.path, instance.index] = matrix(instance.transform), thing
 
-        for _, field, instance in scene.drawn():
-            put(instance, field.spec.cloud)
-        for _, mesh, instance in scene.drawn_meshes():
-            put(instance, mesh.spec)
+        for path, field, instance in drawn:
+            put(path, instance, field.spec.cloud)
+        for path, mesh, instance in scene.drawn_meshes():
+            put(path, instance, mesh.spec)
         return cls(Screen.of(view), things)
 
 
@@ -73,7 +74,11 @@ class Motion:
 
     @classmethod
     def between(
-        cls, sampler: Callable[[float], tuple[RenderScene, View]], time: float, screen: Screen
+        cls,
+        sampler: Callable[[float], tuple[RenderScene, View]],
+        time: float,
+        screen: Screen,
+        drawn: Callable[[RenderScene], Sequence[Drawn]] = RenderScene.drawn,
     ) -> Motion:
         """Compare a frame with both of its neighbours.
 
@@ -81,14 +86,21 @@ class Motion:
             sampler: As in `Renderer.render`. It is left at `time`, also after an error.
             time: Time of the frame [time code], relative to that of the picture.
             screen: Screen of the frame.
+            drawn: Function that returns each appearance of splats in a scene.
         """
+
+        def pose(at: float) -> _Pose:
+            scene, view = sampler(at)
+            return _Pose.of(scene, view, drawn(scene))
+
         try:
-            others = {name: _Pose.of(*sampler(time + step)) for name, step in FRAMES.items()}
+            others = {name: pose(time + step) for name, step in FRAMES.items()}
         finally:
             scene, view = sampler(time)
-        here = _Pose.of(scene, view)
+        appearances = drawn(scene)
+        here = _Pose.of(scene, view, appearances)
         return cls(
-            splats=len(scene.drawn()),
+            splats=len(appearances),
             motions={name: _frame_motion(here, other, screen) for name, other in others.items()},
         )
 

@@ -19,11 +19,12 @@ from usdsplat.render.crop_volumes import volumes
 from usdsplat.render.draw_list import DrawList, Group
 from usdsplat.render.frame_buffers import FrameBuffers
 from usdsplat.render.matte import is_matte
-from usdsplat.render.scene import RenderScene
 from usdsplat.render.screen import Screen
 from usdsplat.render.settings import RenderSettings
 from usdsplat.render.specs import FieldSpec
 
+BEHIND = -1e30
+"""Depth of hidden instances, in front of every near plane [scene unit]."""
 DOT_REACH = 4
 """Distance beyond the data window within which display mode points keeps splats [pixel]. Their dots
 may be larger than the splats."""
@@ -79,7 +80,9 @@ class Projector:
     changed since the last picture.
 
     Args:
+        layout: The splats to draw.
         blend_space: Colour space in which splats are blended.
+        inner: Projection of the coarse levels of splat trees, if it is another.
 
     Raises:
         UsageError: If the scene has 2**31 splats or more.
@@ -89,15 +92,16 @@ class Projector:
         self,
         device: Device,
         buffers: FrameBuffers,
-        scene: RenderScene,
+        layout: DrawList,
         screen: Screen,
         settings: RenderSettings,
         blend_space: str,
+        inner: Screen | None = None,
     ) -> None:
         self._device = device
         self._buffers = buffers.splats
-        self.layout = scene.draw_list(settings.splat_budget)
-        self._screen = screen
+        self.layout = layout
+        self._screen, self._inner = screen, inner or screen
         self.settings = settings
         self._blend_space = blend_space
         self._degree = settings.sh_degree
@@ -239,21 +243,26 @@ class Projector:
 
     def matrices(self, group: Group) -> F64:
         """Return the local-to-camera matrices, shape (m, 3, 4)."""
-        return np.asarray(self._screen.world_to_camera[:3] @ group.transforms)
+        found = np.asarray(self._screen.world_to_camera[:3] @ group.transforms)
+        if group.hidden is not None:
+            found[group.hidden, 2, 3] = BEHIND
+        return found
 
     def record(self, group: Group) -> npt.NDArray[Any]:
         """Return the CAMERA record of `project` for a group."""
         spec = group.field.spec
-        return self._screen.record(
+        screen = self._inner if group.field.is_inner else self._screen
+        return screen.record(
             tangential=spec.projection_mode == "tangential",
             by_distance=self.settings.sorting == "cameraDistance",
-            footprint=self._footprint(spec),
+            footprint=self._footprint(spec, group.field.is_inner),
             margin=DOT_REACH if self.settings.display_mode == "points" else 0,
         )
 
-    def _footprint(self, spec: FieldSpec) -> float:
+    def _footprint(self, spec: FieldSpec, is_inner: bool) -> float:
         """Return the size of a pixel from which on the low-pass lowers the opacity [local unit]."""
-        mode = spec.drawn_mode(self.settings.rasterize_mode)
+        asked = "antialiased" if is_inner else self.settings.rasterize_mode
+        mode = spec.drawn_mode(asked)
         if mode == "classic" or self.settings.display_mode in ("points", "ellipses"):
             return math.inf  # points and ellipses would otherwise vanish in the distance
         return spec.footprint if mode == "footprint" else 0.0

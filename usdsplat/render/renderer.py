@@ -9,6 +9,7 @@ from typing import Any
 
 from usdsplat.core.errors import BackendError, UsageError
 from usdsplat.kernels.device import CpuDevice, Device
+from usdsplat.render import sampling
 from usdsplat.render.aov_resolver import AVERAGED
 from usdsplat.render.band import BAND_PIXELS, Band
 from usdsplat.render.cpu import CpuRasterizer
@@ -19,6 +20,7 @@ from usdsplat.render.frame import MOTION, render_deep, render_frame
 from usdsplat.render.frame_buffers import FrameBuffers
 from usdsplat.render.frame_context import FrameContext, Moment, TimeSampler
 from usdsplat.render.frame_stats import Clock, FrameStats
+from usdsplat.render.lod.nodes import PictureNodes, nodes_of
 from usdsplat.render.occluders import ReadHoldout, remembering
 from usdsplat.render.output import DISPLAY_SPACE, Output
 from usdsplat.render.rasterizer import Rasterizer
@@ -74,6 +76,7 @@ class _Workspace:
         blend_space: str,
         output: Output,
         holdout: ReadHoldout | None,
+        nodes: PictureNodes | None,
     ) -> FrameContext:
         """Return the context of a new picture."""
         stats = FrameStats()
@@ -86,6 +89,7 @@ class _Workspace:
             blend_space=blend_space,
             output=output,
             holdout=None if holdout is None else remembering(holdout),
+            nodes=nodes,
             buffers=self.buffers,
             stats=stats,
             clock=Clock(stats),
@@ -166,7 +170,10 @@ class Renderer:
 
         def bands(workspace: _Workspace, taken: int) -> Iterator[Band]:
             output = _output(workspace.device, settings, blend_space, view)
-            frame = workspace.frame(sampler or still, settings, aovs, blend_space, output, holdout)
+            nodes = nodes_of(scene, sampler or still, settings, _plan(settings, view.camera))
+            frame = workspace.frame(
+                sampler or still, settings, aovs, blend_space, output, holdout, nodes
+            )
             drawn = render_frame(frame, view.camera, screen, band_pixels)
             for band in itertools.islice(drawn, taken, None):
                 frame.stats.failed, frame.stats.asked = output.failed, output.covered
@@ -222,7 +229,10 @@ class Renderer:
         def bands(workspace: _Workspace, taken: int) -> Iterator[tuple[int, int, DeepSamples]]:
             nonlocal top
             output = _output(workspace.device, settings, blend_space, view)
-            frame = workspace.frame(sampler or still, settings, ids, blend_space, output, holdout)
+            nodes = nodes_of(scene, sampler or still, settings, _plan(settings, view.camera))
+            frame = workspace.frame(
+                sampler or still, settings, ids, blend_space, output, holdout, nodes
+            )
             if merges:  # the heights of strips depend on what is drawn: begin after the last one
                 rest = replace(screen, window=(x0, top, x1, bottom))
                 strips = render_merged_deep(
@@ -307,8 +317,13 @@ def blend_space_of(scene: RenderScene, settings: RenderSettings) -> str:
     """
     if settings.blend_space == "linear":
         return settings.working_space
-    spaces = {field.spec.color_space for field in scene.visible_fields()}
+    spaces = scene.color_spaces()
     return spaces.pop() if len(spaces) == 1 else DISPLAY_SPACE
+
+
+def _plan(settings: RenderSettings, camera: CameraSpec) -> tuple[sampling.Sample, ...]:
+    """Return all samples for which nodes of splat trees are chosen."""
+    return *sampling.samples(settings, camera), sampling.center(settings, camera)
 
 
 def _output(device: Device, settings: RenderSettings, blend_space: str, view: View) -> Output:

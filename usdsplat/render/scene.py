@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,8 @@ from usdsplat.core.extent import extent
 from usdsplat.render.cropping import inside
 from usdsplat.render.draw_list import DrawList, draw_list
 from usdsplat.render.fields import Box, Drawn, DrawnMesh, Field, Mesh
+from usdsplat.render.lod.cache import NodeCache
+from usdsplat.render.lod.tree import Tree, TreeSpec
 from usdsplat.render.matte_groups import MatteGroups, matte_groups
 from usdsplat.render.specs import CropSpec, FieldSpec, InstanceSpec, LightSpec, MeshSpec
 
@@ -90,13 +93,16 @@ def _left_by_crops(field: Field) -> list[Box]:
 
 
 class RenderScene:
-    """Fields, meshes and lights of a scene by prim path, with their transforms.
+    """Fields, trees, meshes and lights of a scene by prim path, with their transforms.
 
     Nothing is shared between scenes. `close` releases everything.
     """
 
     def __init__(self) -> None:
         self._fields: dict[str, Field] = {}
+        self._trees: dict[str, Tree] = {}
+        self.node_cache = NodeCache()
+        """Splats of the trees' nodes."""
         self._meshes: dict[str, Mesh] = {}
         self._lights: dict[str, LightSpec] = {}
         self._drawn: list[Drawn] | None = None
@@ -112,6 +118,14 @@ class RenderScene:
             self._fields[path].replace(spec)
         else:
             self._fields[path] = Field(spec)
+
+    def set_tree(self, path: str, spec: TreeSpec) -> None:
+        """Add the splat tree at `path`, or replace it."""
+        self._forget_order()
+        if path in self._trees:
+            self._trees[path].replace(spec)
+        else:
+            self._trees[path] = Tree(spec)
 
     def set_mesh(self, path: str, spec: MeshSpec) -> None:
         """Add the mesh at `path`, or replace its triangles."""
@@ -129,29 +143,35 @@ class RenderScene:
             self._lights[path] = spec
 
     def set_crops(self, path: str, crops: tuple[CropSpec, ...]) -> None:
-        """Set the crops that keep or remove splats of the field at `path`."""
+        """Set the crops that keep or remove splats of the field or tree at `path`."""
         self._forget_order()
-        self._fields[path].crops = crops
+        if path in self._trees:
+            self._trees[path].set_crops(crops)
+        else:
+            self._fields[path].crops = crops
 
     def set_instances(self, path: str, instances: tuple[InstanceSpec, ...]) -> None:
-        """Set the instances of the field or mesh at `path`."""
+        """Set the instances of the field, tree or mesh at `path`."""
         self._forget_order()
         self._at(path).instances = instances
 
     def set_visible(self, path: str, visible: bool) -> None:
-        """Show or hide the field or mesh at `path`."""
+        """Show or hide the field, tree or mesh at `path`."""
         self._forget_order()
         self._at(path).visible = visible
 
     def remove(self, path: str) -> None:
-        """Remove the field or mesh at `path`."""
+        """Remove the field, tree or mesh at `path`."""
         self._forget_order()
-        del (self._fields if path in self._fields else self._meshes)[path]
+        for kind in (self._fields, self._trees, self._meshes):
+            kind.pop(path, None)
 
     def close(self) -> None:
         """Release all arrays."""
         self._forget_order()
         self._fields.clear()
+        self._trees.clear()
+        self.node_cache.close()
         self._meshes.clear()
         self._lights.clear()
 
@@ -159,8 +179,8 @@ class RenderScene:
 
     @property
     def paths(self) -> tuple[str, ...]:
-        """Paths of all fields and meshes, sorted."""
-        return tuple(sorted((*self._fields, *self._meshes)))
+        """Paths of all fields, trees and meshes, sorted."""
+        return tuple(sorted((*self._fields, *self._trees, *self._meshes)))
 
     @property
     def lights(self) -> tuple[LightSpec, ...]:
@@ -169,15 +189,30 @@ class RenderScene:
 
     @property
     def splat_count(self) -> int:
-        """Number of splats held; instances do not count."""
-        return sum(len(field.spec.cloud) for field in self._fields.values())
+        """Number of splats of all captures; instances do not count."""
+        trees = sum(tree.spec.captured for tree in self._trees.values())
+        return trees + sum(len(field.spec.cloud) for field in self._fields.values())
 
     def visible_fields(self) -> list[Field]:
         """Return the fields that are drawn at least once."""
         return [field for field in self._fields.values() if field.is_drawn]
 
+    @property
+    def has_trees(self) -> bool:
+        """Whether there are splat trees, visible or not."""
+        return bool(self._trees)
+
+    def drawn_trees(self) -> list[tuple[str, Tree]]:
+        """Return the trees that are drawn at least once, by path."""
+        return sorted((path, tree) for path, tree in self._trees.items() if tree.is_drawn)
+
+    def color_spaces(self) -> set[str]:
+        """Return the training spaces of all visible splats."""
+        trees = {tree.spec.color_space for _, tree in self.drawn_trees()}
+        return trees | {field.spec.color_space for field in self.visible_fields()}
+
     def drawn(self) -> list[Drawn]:
-        """Return each visible appearance of splats, by path, then index. This order breaks ties of
+        """Return each visible appearance of a field, by path, then index. This order breaks ties of
         depth."""
         if self._drawn is None:
             seen = [
@@ -204,8 +239,11 @@ class RenderScene:
         return self.draw_list().prims
 
     def draw_list(self, budget: int = 0) -> DrawList:
-        """Return the visible splats, laid out for kernels. The result is cached until the next
+        """Return the visible fields, laid out for kernels. The result is cached until the next
         edit.
+
+        What is drawn of a tree depends on the view, see `lod.nodes`. Here only its prims and the
+        number of its splats are counted.
 
         Args:
             budget: Maximum number of splats; each instance counts. 0 for all.
@@ -213,15 +251,24 @@ class RenderScene:
         if budget not in self._draw_lists:
             for other in self._draw_lists.keys() - {0}:
                 del self._draw_lists[other]  # releases its splats
-            surfaces = {instance.path for _, _, instance in self.drawn_meshes()}
-            self._draw_lists[budget] = draw_list(self.drawn(), surfaces, budget=budget)
+            found = draw_list(self.drawn(), self.other_prims(), budget=budget)
+            trees = (tree for _, tree in self.drawn_trees())
+            more = sum(len(tree.instances) * tree.spec.captured for tree in trees)
+            self._draw_lists[budget] = replace(found, total=found.total + more)
         return self._draw_lists[budget]
+
+    def other_prims(self) -> set[str]:
+        """Return the paths of all drawn prims that are not fields."""
+        trees = {each.path for _, tree in self.drawn_trees() for each in tree.instances}
+        return trees | {instance.path for _, _, instance in self.drawn_meshes()}
 
     def matte_groups(self, layer: str) -> MatteGroups:
         """Return the groups of a layer of Cryptomatte. The result is cached until the next edit."""
         if layer not in self._matte_groups:
+            trees = [each for _, tree in self.drawn_trees() for each in tree.instances]
+            splats = [*(instance for _, _, instance in self.drawn()), *trees]
             self._matte_groups[layer] = matte_groups(
-                layer, self.prims(), self.drawn(), self.drawn_meshes()
+                layer, self.prims(), splats, self.drawn_meshes()
             )
         return self._matte_groups[layer]
 
@@ -241,11 +288,13 @@ class RenderScene:
 
     # --- private ---------------------------------------------------------------------------
 
-    def _at(self, path: str) -> Field | Mesh:
+    def _at(self, path: str) -> Field | Tree | Mesh:
+        if path in self._trees:
+            return self._trees[path]
         return self._fields[path] if path in self._fields else self._meshes[path]
 
     def _union(self, name: str, measure: Any) -> Box | None:
-        boxes = []
+        boxes = [_place(tree.box, tree.instances) for _, tree in self.drawn_trees()]
         meshes = [mesh for mesh in self._meshes.values() if mesh.is_drawn]
         things: list[Any] = [*self.visible_fields(), *meshes]
         for thing in things:

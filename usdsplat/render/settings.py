@@ -44,6 +44,30 @@ class RenderSettings:
         "out; 0 draws all",
         range=(0, 2**31 - 1),
     )
+    lod_error: float = knob(
+        1.0,
+        "largest error of a node of a splat tree that is drawn in place of its children; smaller "
+        "values draw finer levels, 0 draws the capture itself",
+        unit="pixel",
+        range=(0.0, 1000.0),
+    )
+    lod_samples: int = knob(
+        3,
+        "number of samples along each axis of a pixel for the coarse levels of splat trees",
+        range=(1, 8),
+    )
+    node_memory: int = knob(
+        4096,
+        "memory for the splats of splat trees; those that were used last are kept",
+        unit="MiB",
+        range=(1, 2**31 - 1),
+    )
+    node_lifetime: float = knob(
+        5.0,
+        "time for which the splats of a splat tree are kept after their last use",
+        unit="s",
+        range=(0.0, 1e6),
+    )
     blend_space: Literal["auto", "linear"] = knob(
         "auto",
         "colour space in which splats are blended: auto is the space the captures were trained in, "

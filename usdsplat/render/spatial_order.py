@@ -105,6 +105,16 @@ class SpatialOrder:
         return self._layout
 
 
+class StorageOrder(SpatialOrder):
+    """The order of rows, for splats that are culled as a whole."""
+
+    def of(self, device: Device, cloud: SplatCloud) -> OrderedSplats:
+        """Return the splats of `cloud` as they are."""
+        if self._layout is None:
+            self._layout = as_it_is(cloud)
+        return self._layout
+
+
 # --- private -------------------------------------------------------------------------------
 
 

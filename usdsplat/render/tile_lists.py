@@ -285,6 +285,8 @@ class TileLists:
             keep(splats.layout.first_slots), keep(splats.layout.labels),
             resident((n, 1), np.float32), ids,
         )  # fmt: skip
+        if (first := splats.layout.first_elements).size:
+            run(median.number_elements, ids[3], keep(first), ids[2])
         columns = [DEEP_IDS.index(name) for name in names]
         return np.ascontiguousarray(self._device.fetch(ids)[columns, :, 0].T)
 

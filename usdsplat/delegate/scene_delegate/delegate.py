@@ -31,17 +31,17 @@ from usdsplat.delegate.scene_delegate.meshes import MeshReader
 from usdsplat.delegate.scene_delegate.notices import Changes, NoticeListener
 from usdsplat.delegate.scene_delegate.points import is_points
 from usdsplat.delegate.scene_delegate.population import Appearance, Population, populate
+from usdsplat.delegate.scene_delegate.problem_kinds import UNREADABLE
 from usdsplat.delegate.scene_delegate.readings import Readings, Sources
 from usdsplat.delegate.scene_delegate.reconcile import reconcile
 from usdsplat.delegate.scene_delegate.skeletons import Skeletons
 from usdsplat.delegate.scene_delegate.stage_info import read_stage_info
 from usdsplat.delegate.scene_delegate.textures import Textures
-from usdsplat.delegate.scene_delegate.unsupported import (
-    findings_on_light,
-    findings_on_prims,
-)
+from usdsplat.delegate.scene_delegate.trees import Chunks
+from usdsplat.delegate.scene_delegate.unsupported import findings_on_light, findings_on_prims
 from usdsplat.delegate.scene_delegate.variability import varying_bits
 from usdsplat.delegate.stage_info import StageInfo
+from usdsplat.render.lod.tree import TreeSpec
 from usdsplat.render.specs import CameraSpec, CropSpec, FieldSpec, LightSpec, MeshSpec, View
 from usdsplat.schema.stage_values import up_axis, up_axis_problem
 from usdsplat.schema.validation import errors_of_drawn
@@ -53,15 +53,6 @@ LOG = logging.getLogger("usdsplat")
 
 NOWHERE: F64 = np.full((4, 4), np.nan)
 """Transform of an appearance that cannot be placed; it is not drawn."""
-
-UNREADABLE = {
-    "field": "not-drawn",
-    "mesh": "not-drawn",
-    "instancer": "bad-instancer",
-    "camera": "bad-camera",
-    "light": "bad-light",
-}
-"""Kind of a prim -> code of the finding if it cannot be read."""
 
 
 class UsdSceneDelegate:
@@ -92,6 +83,7 @@ class UsdSceneDelegate:
         self._textures = Textures()
         self._skeletons = Skeletons()
         self._readings = Readings(stage)
+        self._chunks = Chunks()
         self._meshes: dict[str, MeshReader] = {}
         self._said: set[str] = set()
         self._varying: dict[str, DirtyBits] = {}
@@ -124,6 +116,9 @@ class UsdSceneDelegate:
         for path, reader in self._meshes.items():
             if self._is_of_interest(path, "mesh") and (path, "mesh") not in self.problems:
                 found += reader.findings
+        for path, problems in self._index.tree_problems():
+            prim = self._population.fields[path].prim
+            found += self._chunks.findings(path, prim, problems)
         found += findings_on_prims(self._population.others, self._code, self._purposes)
         for prim in self._population.lights.values():
             if UsdGeom.Imageable(prim).ComputeVisibility(self._code) != UsdGeom.Tokens.invisible:
@@ -153,6 +148,7 @@ class UsdSceneDelegate:
     def close(self) -> None:
         """Stop listening and release every prim."""
         self._notices.close()
+        self._chunks.close()
         self._population = Population()
         self._xforms.Clear()
         self._skeletons.clear()
@@ -182,6 +178,8 @@ class UsdSceneDelegate:
         if self._is_stale:
             self._populate()
             self._is_stale = False
+        for path in self._chunks.changed_trees():
+            self._index.tracker.mark(path, DirtyBits.PRIMVAR)
         if self.time != self._applied_time:
             self._mark_time(to_or_from_default=None in (self.time, self._applied_time))
             self._applied_time = self.time
@@ -194,6 +192,7 @@ class UsdSceneDelegate:
             self._meshes.pop(path, None)  # meshes that were never visible have no reader
             self._readings.remove(path)
         self._population = found
+        self._chunks.keep(found.fields.keys())
         self._dependencies = Dependencies(found)
         self._varying.clear()
         self._readings.refresh()
@@ -240,6 +239,11 @@ class UsdSceneDelegate:
         wrong = [] if spec is None or is_points(prim) else errors_of_drawn(prim, self.time)
         self._remark("values", path, *wrong)
         return spec
+
+    def tree(self, path: str) -> TreeSpec | None:
+        """Implement `SceneDelegate.tree`."""
+        prim = self._population.fields[path].prim
+        return self._pull("field", path, partial(self._chunks.read, path, prim, self.time), None)
 
     def mesh(self, path: str, bits: DirtyBits) -> MeshSpec | None:
         """Implement `SceneDelegate.mesh`."""

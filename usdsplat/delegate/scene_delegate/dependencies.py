@@ -13,6 +13,7 @@ from usdsplat.delegate.scene_delegate.notices import Changes, is_color_space
 from usdsplat.delegate.scene_delegate.points import PROPERTIES as POINT_PROPERTIES
 from usdsplat.delegate.scene_delegate.points import is_points
 from usdsplat.delegate.scene_delegate.population import Level, Population, source_of
+from usdsplat.delegate.scene_delegate.trees import PROPERTIES as TREE_PROPERTIES
 from usdsplat.delegate.scene_delegate.volumes import SIZES
 
 FIELD_PROPERTIES = (
@@ -177,4 +178,5 @@ def _own_bits(name: str) -> DirtyBits:
     Cameras, lights and instancers are read again after a change of any property.
     """
     bits = DirtyBits.PARAMS | DirtyBits.INSTANCER
-    return bits | DirtyBits.PRIMVAR if name in FIELD_PROPERTIES else bits
+    is_read = name in FIELD_PROPERTIES or name.startswith(TREE_PROPERTIES)
+    return bits | DirtyBits.PRIMVAR if is_read else bits

@@ -30,6 +30,7 @@ from usdsplat.delegate.scene_delegate.points import is_points
 from usdsplat.delegate.scene_delegate.unsupported import why_not_drawn
 from usdsplat.delegate.scene_delegate.volumes import NO_CROP, Crop, find_crop, has_crop, lineage
 from usdsplat.schema.lod_roots import ItemChoice, item_choice
+from usdsplat.schema.tree import is_tree
 from usdsplat.schema.validation.transforms import without_attribute
 
 Kind = Literal["field", "mesh", "instancer", "camera", "light", "other", ""]
@@ -102,6 +103,8 @@ class RprimEntry:
     """Path of the arrays, then signatures of the appearances; computed while the prims are
     valid."""
     crop: Crop = NO_CROP
+    is_tree: bool = False
+    """Whether it is a splat tree."""
 
     @property
     def prim(self) -> Usd.Prim:
@@ -115,7 +118,7 @@ class Population:
     """The prims of a stage that are used."""
 
     fields: dict[str, RprimEntry] = field(default_factory=dict)
-    """Splat fields, and points, which are drawn as splats."""
+    """Splat fields, splat trees, and points, which are drawn as splats."""
     meshes: dict[str, RprimEntry] = field(default_factory=dict)
     instancers: dict[str, Usd.Prim] = field(default_factory=dict)
     cameras: dict[str, Usd.Prim] = field(default_factory=dict)
@@ -338,11 +341,12 @@ def _enlist(entries: dict[str, RprimEntry], seen: list[Appearance], crop: Crop) 
         appearances=tuple(seen),
         signature=(source.GetPath(), *(appearance.signature for appearance in seen)),
         crop=crop,
+        is_tree=is_tree(source),
     )
 
 
 def _classify(prim: Usd.Prim) -> Kind:
-    if schema.is_splat_field(prim) or is_points(prim):
+    if schema.is_splat_field(prim) or is_points(prim) or is_tree(prim):
         return "field"
     if any(prim.IsA(shape) for shape in SHAPES):
         return "mesh"

@@ -12,7 +12,13 @@ SEEN = DirtyBits.PLACING
 
 def reconcile(index: RenderIndex, old: Population, new: Population) -> None:
     """Insert, remove and mark prims of `index`, which holds those of `old`."""
-    for path in old.fields.keys() - new.fields.keys():
+    gone = old.fields.keys() - new.fields.keys()
+    retyped = {
+        path
+        for path in old.fields.keys() & new.fields.keys()
+        if old.fields[path].is_tree != new.fields[path].is_tree
+    }
+    for path in gone | retyped:
         index.remove_field(path)
     for path in old.meshes.keys() - new.meshes.keys():
         index.remove_mesh(path)
@@ -28,8 +34,11 @@ def reconcile(index: RenderIndex, old: Population, new: Population) -> None:
         index.insert_camera(path)
     for path in sorted(new.lights.keys() - old.lights.keys()):
         index.insert_light(path)
-    for path in sorted(new.fields.keys() - old.fields.keys()):
-        index.insert_field(path)
+    for path in sorted((new.fields.keys() - old.fields.keys()) | retyped):
+        if new.fields[path].is_tree:
+            index.insert_tree(path)
+        else:
+            index.insert_field(path)
     for path in sorted(new.meshes.keys() - old.meshes.keys()):
         index.insert_mesh(path)
     for before, after in ((old.fields, new.fields), (old.meshes, new.meshes)):

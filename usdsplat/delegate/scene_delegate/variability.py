@@ -35,6 +35,8 @@ def varying_bits(population: Population, readings: Readings, path: str) -> Dirty
     entry = population.fields[path]
     if is_points(entry.source):
         varies = are_points_varying(entry.prim)
+    elif entry.is_tree:
+        varies = schema.is_grade_varying(entry.prim)
     else:
         varies = schema.is_time_varying(entry.source) or schema.is_grade_varying(entry.prim)
     data = DirtyBits.PRIMVAR if varies else DirtyBits.CLEAN

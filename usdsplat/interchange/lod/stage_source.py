@@ -21,10 +21,12 @@ from usdsplat.interchange.exporting import unknown_color_spaces
 from usdsplat.interchange.lod.options import LodOptions
 from usdsplat.interchange.lod.sources import check_memory, splat_bytes
 from usdsplat.interchange.lod.survey import SAMPLED, Survey, core_box, pixel_of, weighted_median
+from usdsplat.interchange.options import StageReading
 from usdsplat.interchange.placement import stage_frame
 from usdsplat.interchange.unapplied import unapplied
 from usdsplat.schema import attributes, packing, registration, tokens
 from usdsplat.schema.composition import composition_findings
+from usdsplat.schema.tree import is_tree
 
 _BLOCK = 1 << 20  # centres transformed at a time
 
@@ -51,7 +53,11 @@ class _Fields:
     def of(cls, path: Path, options: LodOptions) -> _Fields:
         """Open a stage and find its fields."""
         stage = files.open_stage(path)
-        found, notes = appearances(stage, None, options.time)
+        found, notes = appearances(stage, StageReading(time=options.time))
+        for item in found:
+            if is_tree(item.prim):
+                where = f"{path} {item.prim.GetPath()}"
+                raise StageError(where, "a splat tree", "splat fields, such as those it is built of")
         return cls(
             stage=stage,
             prims=tuple(item.prim for item in found),

@@ -20,7 +20,7 @@ SIZE, SPLATS = (20, 18), 7
 DEEP = ("splats alone", "deep holdout")
 DRAWN = (
     "surfaces", "crops", "distance", "rays and surfaces", "matte splats", "flat holdout alone",
-    "ellipses", "budget", "samples",
+    "ellipses", "budget", "samples", "tree",
 )  # fmt: skip
 """Cases that between them launch every form."""
 

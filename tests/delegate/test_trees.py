@@ -1,0 +1,226 @@
+"""Tests of splat trees on a stage: pictures, what acts on the prim, edits, missing chunks."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from pxr import Gf, Sdf, UsdGeom
+
+from tests.delegate.stages import add_camera
+from tests.delegate.tree_stages import field_stage, tree_stage, write_chunk
+from usdsplat import schema
+from usdsplat.delegate.engine import Engine
+from usdsplat.delegate.scene_delegate import trees
+from usdsplat.render.settings import RenderSettings
+
+LEAVES = RenderSettings(lod_error=0.0)
+AOVS = ("color", "depth", "primId", "instanceId", "elementId", "cryptoObject")
+
+
+@pytest.fixture
+def reads(monkeypatch):
+    """The rows that are read from chunks: (file name, first, count)."""
+    found, read = [], trees.read_chunk
+
+    def recorded(path, first, count):
+        found.append((os.path.basename(path), first, count))
+        return read(path, first, count)
+
+    monkeypatch.setattr(trees, "read_chunk", recorded)
+    monkeypatch.setattr(trees, "POLL", 0.0)
+    return found
+
+
+def pictured(stage, settings=LEAVES, aovs=AOVS):
+    with Engine(stage, device="cpu") as engine:
+        view = engine.view("/Camera", resolution=(80, 60))
+        return {k: v.copy() for k, v in engine.picture(view, settings, aovs).items()}
+
+
+def assert_same(found, expected):
+    for name, array in expected.items():
+        np.testing.assert_array_equal(found[name], array, err_msg=name)
+
+
+def moved(stage):
+    """A camera, a transform and a grade; for both forms alike."""
+    add_camera(stage)
+    turn = Gf.Matrix4d().SetRotate(Gf.Rotation((1, 2, 0), 40))
+    UsdGeom.Xformable(stage.GetPrimAtPath("/World")).AddTransformOp().Set(turn)
+    tree = stage.GetPrimAtPath("/World/Tree")
+    tree.CreateAttribute("splat:grade:exposure", Sdf.ValueTypeNames.Float).Set(0.5)
+    return stage
+
+
+def test_a_tree_is_drawn_as_the_field_of_its_leaves(tmp_path):
+    """Oracle: a field with the same splats, transform and grade, bit for bit."""
+    stage, tree = tree_stage(tmp_path)
+    assert_same(pictured(moved(stage)), pictured(moved(field_stage(tree))))
+
+
+def test_point_instances_visibility_and_purpose_act_on_a_tree(tmp_path):
+    """Oracle: a field with the same splats under the same instancer; and nothing if hidden."""
+
+    def instanced(stage):
+        add_camera(stage)
+        instancer = UsdGeom.PointInstancer.Define(stage, "/Many")
+        instancer.CreatePositionsAttr([(0, 0, 0), (1.5, 0.2, -2)])
+        instancer.CreateProtoIndicesAttr([0, 0])
+        instancer.CreatePrototypesRel().AddTarget("/World/Tree")
+        return stage
+
+    stage, tree = tree_stage(tmp_path)
+    found = pictured(instanced(stage))
+    assert_same(found, pictured(instanced(field_stage(tree))))
+    assert found["instanceId"].max() >= 1
+    UsdGeom.Imageable(stage.GetPrimAtPath("/World")).MakeInvisible()
+    UsdGeom.Imageable(stage.GetPrimAtPath("/Many")).MakeInvisible()
+    assert pictured(stage, aovs=("color",))["color"].max() == 0
+
+
+def test_an_edited_chunk_is_read_again_and_nothing_else(tmp_path, reads):
+    """Oracle: the reads; and a new engine's picture."""
+    stage, tree = tree_stage(tmp_path)
+    add_camera(stage)
+    leaf = int(np.flatnonzero(tree.table.child_count == 0)[2])
+    with Engine(stage, device="cpu") as engine:
+        view = engine.view("/Camera", resolution=(80, 60))
+        engine.picture(view, LEAVES)
+        assert len(reads) == (tree.table.child_count == 0).sum()
+        reads.clear()
+        engine.picture(replace(view, matte=(("/none", True),)), LEAVES)
+        assert reads == []
+        layer = Sdf.Layer.FindOrOpen(str(tmp_path / "tree_chunks" / f"{leaf:04}.usdc"))
+        attribute = layer.GetAttributeAtPath("/splats.opacities")
+        attribute.default = type(attribute.default)(len(attribute.default), 0.0)
+        found = engine.picture(view, LEAVES)["color"].copy()
+        assert reads == [(f"{leaf:04}.usdc", 0, int(tree.table.proxies[leaf]))]
+    np.testing.assert_array_equal(found, pictured(stage)["color"])
+
+
+def test_a_chunk_that_changed_on_disk_is_read_again(tmp_path, reads):
+    """Oracle: the reads; and the picture of the field with the new splats."""
+    stage, tree = tree_stage(tmp_path)
+    add_camera(stage)
+    leaf = int(np.flatnonzero(tree.table.child_count == 0)[1])
+    with Engine(stage, device="cpu") as engine:
+        view = engine.view("/Camera", resolution=(80, 60))
+        before = engine.picture(view, LEAVES)["color"].copy()
+        reads.clear()
+        tree.clouds[leaf] = replace(tree.clouds[leaf], opacities=tree.clouds[leaf].opacities * 0)
+        path = tmp_path / "tree_chunks" / f"{leaf:04}.usdc"
+        path.unlink()
+        write_chunk(path, tree.clouds[leaf])
+        after = engine.picture(view, LEAVES)["color"].copy()
+        assert [name for name, _, _ in reads] == [path.name]
+    assert (before != after).any()
+    expected = field_stage(tree)
+    add_camera(expected)
+    np.testing.assert_array_equal(after, pictured(expected)["color"])
+
+
+def test_an_edited_table_reads_no_chunk_again(tmp_path, reads):
+    """Oracle: the reads. With larger errors, leaves are needed where the root was drawn."""
+    stage, _ = tree_stage(tmp_path)
+    add_camera(stage)
+    coarse = RenderSettings(lod_error=1.0, lod_samples=1)
+    with Engine(stage, device="cpu") as engine:
+        view = engine.view("/Camera", resolution=(80, 60))
+        errors = stage.GetPrimAtPath("/World/Tree").GetAttribute("splat:nodeErrors")
+        fine = list(errors.Get())
+        errors.Set([1e-4 * each for each in fine])
+        engine.picture(view, coarse)
+        assert [name for name, _, _ in reads] == ["0000.usdc"]
+        errors.Set([1e4 * each for each in fine])
+        engine.picture(view, coarse)
+        assert "0000.usdc" not in [name for name, _, _ in reads[1:]] and len(reads) > 4
+        count = len(reads)
+        errors.Set([1e-4 * each for each in fine])
+        engine.picture(view, coarse)
+        assert len(reads) == count
+
+
+def test_a_missing_chunk_is_one_finding_and_its_parent_stays(tmp_path):
+    """Oracle: by hand; the rest of the picture is drawn."""
+    stage, tree = tree_stage(tmp_path)
+    add_camera(stage)
+    leaf = int(np.flatnonzero(tree.table.child_count == 0)[0])
+    (tmp_path / "tree_chunks" / f"{leaf:04}.usdc").unlink()
+    with Engine(stage, device="cpu") as engine:
+        view = engine.view("/Camera", resolution=(80, 60))
+        found = engine.picture(view, LEAVES, ("color", "elementId"))
+        (finding,) = [each for each in engine.findings if each.code == "bad-chunk"]
+        assert f"no file for the chunk ./tree_chunks/{leaf:04}.usdc" in finding.message
+        assert found["elementId"].max() >= len(tree.leaves())  # proxies of the parent
+
+
+def test_a_moved_folder_is_one_finding_that_names_it(tmp_path):
+    """Oracle: by hand; nothing can be drawn, as the root is missing too."""
+    stage, tree = tree_stage(tmp_path)
+    add_camera(stage)
+    (tmp_path / "tree_chunks").rename(tmp_path / "elsewhere")
+    with Engine(stage, device="cpu") as engine:
+        view = engine.view("/Camera", resolution=(80, 60))
+        assert engine.picture(view, LEAVES)["color"].max() == 0
+        (finding,) = [each for each in engine.findings if each.code == "bad-chunk"]
+    count = len(tree.table)
+    assert f"no files for {count} of {count} chunks in the folder ./tree_chunks" in finding.message
+
+
+def test_a_broken_chunk_says_why(tmp_path):
+    """Oracle: by hand."""
+    stage, tree = tree_stage(tmp_path)
+    add_camera(stage)
+    leaf = int(np.flatnonzero(tree.table.child_count == 0)[0])
+    (tmp_path / "tree_chunks" / f"{leaf:04}.usdc").write_bytes(b"no crate")
+    with Engine(stage, device="cpu") as engine:
+        view = engine.view("/Camera", resolution=(80, 60))
+        assert engine.picture(view, LEAVES)["color"].max() > 0
+        (finding,) = [each for each in engine.findings if each.code == "bad-chunk"]
+    assert "a chunk that cannot be read" in finding.message
+
+
+def test_a_table_that_lies_is_not_drawn(tmp_path):
+    """Oracle: the finding of a field that cannot be read."""
+    stage, _ = tree_stage(tmp_path)
+    add_camera(stage)
+    prim = stage.GetPrimAtPath("/World/Tree")
+    prim.GetAttribute("splat:nodeFirstChild").Set([5])
+    with Engine(stage, device="cpu") as engine:
+        view = engine.view("/Camera", resolution=(80, 60))
+        assert engine.picture(view, LEAVES)["color"].max() == 0
+        assert [each.code for each in engine.findings if each.severity == "error"] == ["not-drawn"]
+
+
+def test_a_tree_that_becomes_a_field_and_back_is_drawn_as_each(tmp_path):
+    """Oracle: new engines."""
+    stage, tree = tree_stage(tmp_path)
+    add_camera(stage)
+    prim = stage.GetPrimAtPath("/World/Tree")
+    with Engine(stage, device="cpu") as engine:
+        view = engine.view("/Camera", resolution=(80, 60))
+        as_tree = engine.picture(view, LEAVES)["color"].copy()
+        schema.author(stage, "/World/Tree", tree.strays if len(tree.strays) else tree.clouds[0])
+        np.testing.assert_array_equal(engine.picture(view)["color"], pictured(stage)["color"])
+        prim.SetTypeName("ParticleFieldSplatTree")
+        np.testing.assert_array_equal(engine.picture(view, LEAVES)["color"], as_tree)
+
+
+def test_a_closed_engine_watches_no_layers(tmp_path):
+    """Oracle: an edit after closing reaches nothing of the engine."""
+    stage, _ = tree_stage(tmp_path)
+    add_camera(stage)
+    engine = Engine(stage, device="cpu")
+    view = engine.view("/Camera", resolution=(80, 60))
+    engine.picture(view, LEAVES)
+    scene = engine.render_scene
+    assert scene.node_cache.bytes > 0
+    chunks = engine._scene._chunks
+    engine.close()
+    assert scene.node_cache.bytes == 0
+    layer = Sdf.Layer.FindOrOpen(str(tmp_path / "tree_chunks" / "0000.usdc"))
+    layer.comment = "edited"
+    assert chunks._changed == set()

@@ -1,0 +1,33 @@
+"""What the cut of a picture draws."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+from tests.render.rendering import settings_of
+from usdsplat.render.lod.nodes import nodes_of
+from usdsplat.render.sampling import Sample
+
+
+def _drawn(scene, view, **settings):
+    nodes = nodes_of(scene, lambda _: (scene, view), settings_of(**settings), (Sample(),))
+    return nodes, nodes.layout(scene, 0.0)
+
+
+def drawn_counts(scene, view, **settings):
+    """Number of splats that are drawn, by prim."""
+    _, layout = _drawn(scene, view, **settings)
+    counts = Counter()
+    for group in layout.groups:
+        name = "/tree" if group.field.is_node else "/a"
+        hidden = 0 if group.hidden is None else int(group.hidden.sum())
+        counts[name] += len(group.cloud) * (len(group.transforms) - hidden)
+    assert layout.splats == sum(counts.values())
+    return dict(+counts)
+
+
+def drawn_nodes(scene, view, **settings):
+    """The nodes of the tree that are drawn."""
+    nodes, _ = _drawn(scene, view, **settings)
+    drawn = nodes.drawn(scene)
+    return {int(path.partition(":")[2]) for path, field, _ in drawn if field.is_node}

@@ -1,0 +1,161 @@
+"""Tests of the cache of nodes: what is read, kept and dropped."""
+
+from __future__ import annotations
+
+import threading
+
+import pytest
+
+from tests.render.rendering import random_cloud
+from usdsplat.core.errors import StageError, UsageError
+from usdsplat.render.lod.cache import NodeCache, Request
+
+SIZE = 4 * 250 * (3 + 3 + 4 + 1 + 3 * 16)
+"""Bytes of the clouds below."""
+
+
+class Clock:
+    now = 0.0
+
+    def __call__(self):
+        return self.now
+
+
+@pytest.fixture
+def clock():
+    return Clock()
+
+
+@pytest.fixture
+def cache(clock):
+    made = NodeCache(clock=clock)
+    yield made
+    made.close()
+
+
+class Source:
+    """Clouds by name; counts its reads."""
+
+    def __init__(self):
+        self.reads = []
+
+    def wanting(self, *names):
+        return {name: Request(read=lambda name=name: self.read(name), size=SIZE) for name in names}
+
+    def read(self, name):
+        self.reads.append(name)
+        if name.startswith("bad"):
+            raise StageError(name, "nothing", "splats")
+        return random_cloud(len(name))
+
+
+def get(cache, source, *names, limit=100 * SIZE, lifetime=5.0):
+    return cache.get(source.wanting(*names), limit=limit, lifetime=lifetime)
+
+
+def test_what_is_in_memory_is_not_read_again(cache):
+    """Oracle: the number of reads, and identity."""
+    source = Source()
+    first = get(cache, source, "a", "b")
+    again = get(cache, source, "b", "c")
+    assert again["b"] is first["b"] and sorted(source.reads) == ["a", "b", "c"]
+    assert cache.bytes == 3 * SIZE
+
+
+def test_the_least_recently_used_make_room(cache):
+    """Oracle: the order of use, by hand."""
+    source = Source()
+    for name in ("a", "b", "c", "a", "d"):
+        get(cache, source, name, limit=3 * SIZE)
+    assert "b" not in cache and all(name in cache for name in "acd")
+    get(cache, source, "e", "f", limit=3 * SIZE)
+    assert "d" in cache and cache.bytes == 3 * SIZE
+
+
+def test_what_is_wanted_makes_no_room(cache):
+    """Oracle: all that one request wants is returned, although it fills the limit."""
+    source = Source()
+    get(cache, source, "a", "b", limit=2 * SIZE)
+    found = get(cache, source, "b", "c", limit=2 * SIZE)
+    assert set(found) == {"b", "c"} and source.reads.count("b") == 1
+
+
+def test_what_was_not_used_for_a_lifetime_is_dropped(cache, clock):
+    """Oracle: the clock."""
+    source = Source()
+    get(cache, source, "a", "b")
+    clock.now = 4.0
+    get(cache, source, "a")
+    clock.now = 8.0
+    get(cache, source, "c")
+    assert "a" in cache and "b" not in cache
+
+
+def test_a_limit_that_is_too_small_says_what_is_needed(cache):
+    """Oracle: by hand; nothing is read."""
+    source = Source()
+    with pytest.raises(UsageError, match="--node-memory: found 0 MiB, expected at least 1 MiB"):
+        get(cache, source, "a", "b", limit=2 * SIZE - 1)
+    assert source.reads == []
+
+
+def test_an_error_is_a_result_and_is_kept(cache):
+    """Oracle: the error; it is not tried again before it is dropped."""
+    source = Source()
+    for _ in range(2):
+        found = get(cache, source, "bad", "a")
+        assert isinstance(found["bad"], StageError) and len(found["a"]) == 250
+    assert source.reads.count("bad") == 1
+    cache.drop({"bad"})
+    get(cache, source, "bad")
+    assert source.reads.count("bad") == 2
+
+
+def test_another_error_ends_the_request_and_is_not_kept(cache):
+    """Oracle: the exception; the next request reads again."""
+    tries = []
+
+    def read():
+        tries.append(1)
+        raise RuntimeError("a bug")
+
+    for _ in range(2):
+        with pytest.raises(RuntimeError, match="a bug"):
+            cache.get({"x": Request(read=read, size=1)}, limit=10, lifetime=1.0)
+    assert len(tries) == 2
+
+
+def test_two_threads_that_want_the_same_read_it_once(cache):
+    """Oracle: the number of reads; the first one waits until the second has asked."""
+    asked, reads = threading.Event(), []
+
+    def read():
+        reads.append(1)
+        assert asked.wait(10)
+        return random_cloud(1)
+
+    wanted = {"x": Request(read=read, size=SIZE)}
+    found = []
+
+    def ask():
+        found.append(cache.get(wanted, limit=SIZE, lifetime=1.0)["x"])
+
+    threads = [threading.Thread(target=ask) for _ in range(2)]
+    for thread in threads:
+        thread.start()
+    while len(cache._reading) == 0:
+        pass
+    asked.set()
+    for thread in threads:
+        thread.join()
+    assert len(reads) == 1 and found[0] is found[1]
+
+
+def test_a_closed_cache_is_empty_and_has_no_threads(cache):
+    """Oracle: the list of threads."""
+    source = Source()
+    get(cache, source, "a")
+    cache.close()
+    assert cache.bytes == 0 and "a" not in cache
+    assert not [each for each in threading.enumerate() if each.name.startswith("node")]
+    assert len(get(cache, source, "a")["a"]) == 250

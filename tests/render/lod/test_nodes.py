@@ -1,0 +1,282 @@
+"""Tests of drawn cuts: equality with fields, ids, levels, fading, and what acts on the prim."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.render.lod.drawn import drawn_counts, drawn_nodes
+from tests.render.lod.trees import made
+from tests.render.rendering import lens, picture, random_transform, settings_of, view_of
+from usdsplat.core.errors import StageError
+from usdsplat.kernels.devices import open_device
+from usdsplat.render.renderer import AOVS, Renderer
+from usdsplat.render.scene import RenderScene
+from usdsplat.render.specs import CropSpec, FieldSpec, InstanceSpec
+
+PLACED = InstanceSpec(path="/tree", transform=tuple(np.eye(4).ravel()))
+
+
+def tree_scene(tree, *instances, crops=(), **options):
+    scene = RenderScene()
+    scene.set_tree("/tree", tree.spec(**options))
+    scene.set_instances("/tree", instances or (PLACED,))
+    if crops:
+        scene.set_crops("/tree", crops)
+    return scene
+
+
+def field_scene(tree, *instances, crops=(), **options):
+    """The leaves and residents of a tree as a field."""
+    scene = RenderScene()
+    scene.set_field("/tree", FieldSpec(cloud=tree.leaves(), **options))
+    scene.set_instances("/tree", instances or (PLACED,))
+    if crops:
+        scene.set_crops("/tree", crops)
+    return scene
+
+
+def assert_same(found, expected):
+    for name, array in expected.items():
+        np.testing.assert_array_equal(found[name], array, err_msg=name)
+
+
+@pytest.mark.parametrize("strays", [0, 5])
+@pytest.mark.parametrize("mode", ["classic", "antialiased"])
+@pytest.mark.parametrize("model", ["perspective", "orthographic"])
+def test_a_cut_of_leaves_is_the_field_bit_for_bit(model, mode, strays):
+    """Oracle: the same splats as a field, in every AOV, with equal depths among them."""
+    tree = made(1, strays=strays)
+    tree.clouds[5].positions[:] = np.round(tree.clouds[5].positions, 1)  # ties
+    tree.clouds[6].positions[:] = np.round(tree.clouds[6].positions, 1)
+    view = view_of(lens(model))
+    found = picture(tree_scene(tree, rasterize_mode=mode), view, lod_error=0)
+    assert_same(found, picture(field_scene(tree, rasterize_mode=mode), view))
+    assert (found["primId"] >= 0).any() and found["elementId"].max() > 100
+
+
+@pytest.mark.parametrize("sorting", ["cameraDistance", "rayHitDistance"])
+def test_other_orders_are_those_of_the_field(sorting):
+    """Oracle: as above."""
+    tree, view = made(2), view_of(lens())
+    found = picture(tree_scene(tree), view, lod_error=0, sorting=sorting)
+    assert_same(found, picture(field_scene(tree), view, sorting=sorting))
+
+
+def test_instances_crops_mattes_and_blur_act_as_on_a_field():
+    """Oracle: the same splats as a field with instances, a crop, a matte and samples."""
+    tree = made(3)
+    instances = tuple(
+        InstanceSpec(path="/tree", index=i, transform=tuple(random_transform(i).ravel()))
+        for i in range(3)
+    )
+    crops = (CropSpec(shape="sphere", world_to_shape=tuple(np.eye(4).ravel()), keeps=True),)
+    view = view_of(lens())
+    aovs = ("color", "albedo", "cryptoObject", "primId", "instanceId", "elementId")
+    settings = {"aovs": aovs, "samples": 3}
+    found = picture(tree_scene(tree, *instances, crops=crops), view, lod_error=0, **settings)
+    assert_same(found, picture(field_scene(tree, *instances, crops=crops), view, **settings))
+    held = replace(view, matte=(("/tree", True),))
+    assert picture(tree_scene(tree), held, aovs=("color",), lod_error=0)["color"].max() == 0
+
+
+def test_a_crop_of_the_picture_has_the_pixels_of_the_whole():
+    """Oracle: the same pixels of the whole picture, at a cut with inner nodes."""
+    tree = made(4, leaf=10, error=0.05)
+    whole = picture(tree_scene(tree), view_of(lens()), lod_error=2.0)
+    part = picture(tree_scene(tree), view_of(lens(), (30, 21, 97, 90)), lod_error=2.0)
+    for name in AOVS:
+        np.testing.assert_array_equal(part[name], whole[name][21:90, 30:97], err_msg=name)
+
+
+def test_a_coarse_cut_draws_the_proxies_antialiased_with_samples():
+    """Oracle: the mean of antialiased pictures of the root's proxies as a field, at n times the
+    resolution, where one pixel is one sample, and with half of the low-pass."""
+    n = 3
+    tree = made(5, error=1e-3)
+    spec = tree.spec()
+    proxies = spec.load(0, 0, int(tree.table.proxies[0]))
+    view = view_of(lens())
+    found = picture(tree_scene(tree), view, aovs=("color",), lod_error=1000.0, lod_samples=n)
+    scene = RenderScene()
+    scene.set_field("/tree", FieldSpec(cloud=proxies, rasterize_mode="antialiased"))
+    scene.set_instances("/tree", (PLACED,))
+    width, height = view.framing.resolution
+    fine = replace(
+        view, framing=replace(view.framing, resolution=(n * width, n * height), pixel_scale=2**0.5)
+    )
+    drawn = picture(scene, fine, aovs=("color",))["color"]
+    mean = drawn.reshape(height, n, width, n, 4).mean(axis=(1, 3))
+    np.testing.assert_allclose(found["color"], mean, atol=2e-3)
+    assert np.abs(found["color"] - mean).mean() < 2e-5
+    assert tree.reads[-1] == (0, 0, len(proxies))
+
+
+def test_a_node_fades_into_its_children():
+    """Oracle: pictures of the root and of its children; between, each sample shows one of them, so
+    the picture is the mean of as many of each as the distance says."""
+    tree = made(6, leaf=250, error=0.05)
+    assert len(tree.table) == 3
+    view = view_of(lens("orthographic"))
+    size = 22.0 * float(tree.table.errors[0])  # of the error on the screen [pixel]
+    settings = {"aovs": ("color",), "lod_samples": 4}
+    coarse = picture(tree_scene(tree), view, lod_error=size * 1.001, **settings)["color"]
+    fine = picture(tree_scene(tree), view, lod_error=size / 1.26, **settings)["color"]
+    before = coarse
+    for part in (0.1, 0.4, 0.7, 0.95):
+        error = size / (1 + 0.25 * part)
+        found = picture(tree_scene(tree), view, lod_error=error, **settings)["color"]
+        mixed = (1 - part) * coarse + part * fine
+        assert np.abs(found - mixed).mean() < 0.15 * np.abs(fine - coarse).mean()
+        assert np.abs(found - before).max() < 0.6 * np.abs(fine - coarse).max()
+        before = found
+    assert np.abs(fine - coarse).max() > 0.05
+
+
+def test_ids_of_all_nodes_are_one_prim_and_distinct_elements():
+    """Oracle: element ids by hand: captured splats by node, then proxies by node."""
+    tree = made(7, strays=4)
+    elements = tree.spec().first_elements()
+    table = tree.table
+    leaf = np.flatnonzero(table.child_count == 0)
+    assert elements[0, 0] == 0 and elements[0, leaf[0]] == 4
+    assert elements[0, leaf[1]] == 4 + table.proxies[leaf[0]]
+    assert elements[1, 0] == 4 + table.proxies[leaf].sum()
+    assert elements[1, 1] == elements[1, 0] + table.proxies[0]
+    scene = tree_scene(tree)
+    scene.set_field("/a", FieldSpec(cloud=made(8).leaves()))
+    scene.set_instances("/a", (InstanceSpec(path="/a", transform=PLACED.transform),))
+    found = picture(scene, view_of(lens()), lod_error=1000.0)
+    assert set(np.unique(found["primId"])) == {-1, 0, 1}
+    of_tree = found["elementId"][found["primId"] == 1]
+    proxies = of_tree >= elements[1, 0]
+    assert proxies.any() and (of_tree[~proxies] < 4).all()
+    assert of_tree.max() < elements[1, 0] + table.proxies[0]
+    assert scene.prims() == ("/a", "/tree")
+
+
+def test_trees_coarsen_before_fields_lose_splats():
+    """Oracle: the counts. The budget holds the whole field, so the tree gets what is left."""
+    tree, other = made(9, leaf=10), made(10)
+    field = other.leaves()
+    scene = tree_scene(tree)
+    scene.set_field("/a", FieldSpec(cloud=field))
+    scene.set_instances("/a", (InstanceSpec(path="/a", transform=PLACED.transform),))
+    counts = drawn_counts(scene, view_of(lens()), splat_budget=len(field) + 320, lod_error=0.01)
+    assert counts["/a"] == len(field) and 200 < counts["/tree"] <= 320
+    root = int(tree.table.proxies[0])
+    counts = drawn_counts(scene, view_of(lens()), splat_budget=root + 40, lod_error=0.01)
+    assert counts == {"/a": 40, "/tree": root}
+
+
+def test_only_what_a_view_can_see_is_read():
+    """Oracle: a view of one end of the tree reads no leaf that lies at the other."""
+    tree = made(11, n=2000, leaf=20)
+    view = view_of(lens(), (0, 0, 40, 110))
+    picture(tree_scene(tree), view, aovs=("color",), lod_error=0)
+    read = {chunk for chunk, _, _ in tree.reads}
+    leaves = np.flatnonzero(tree.table.child_count == 0)
+    assert 0 < len(read) < 0.7 * len(leaves)
+
+
+def test_a_chunk_that_is_missing_leaves_its_parent():
+    """Oracle: the picture of a tree in which that node's parent is a leaf with its proxies."""
+    tree = made(12, leaf=60)
+    whole = tree.load
+
+    def load(chunk, first, count):
+        if chunk == 7:
+            raise StageError("chunk 7", "no such file", "a layer")
+        return whole(chunk, first, count)
+
+    scene = tree_scene(tree, load=load)
+    nodes = drawn_nodes(scene, view_of(lens()), lod_error=0)
+    assert 3 in nodes and not {7, 8} & nodes and {9, 10} <= nodes
+    ((_, held),) = scene.drawn_trees()
+    assert str(held.problems[7]) == "chunk 7: found no such file, expected a layer"
+
+
+def test_pictures_of_two_views_have_a_cut_each():
+    """Oracle: each view alone, in a scene of its own."""
+    tree = made(13, leaf=10)
+    near, far = view_of(lens()), view_of(lens("orthographic"))
+    scene = tree_scene(tree)
+    for view in (near, far, near, far):
+        alone = picture(tree_scene(tree), view, lod_error=1.5)
+        assert_same(picture(scene, view, lod_error=1.5), alone)
+
+
+def test_motion_of_a_moved_tree_is_that_of_a_field():
+    """Oracle: the same splats as a field that moves in the same way."""
+    tree, view = made(14), view_of(lens())
+    aovs = ("motionForward", "motionBackward", "depth")
+
+    def moving(scene):
+        def sampler(time):
+            matrix = np.eye(4)
+            matrix[0, 3] = 0.05 * time
+            moved = InstanceSpec(path="/tree", transform=tuple(matrix.ravel()))
+            scene.set_instances("/tree", (moved,))
+            return scene, view
+
+        return sampler
+
+    a, b = tree_scene(tree), field_scene(tree)
+    found = picture(a, view, aovs=aovs, sampler=moving(a), lod_error=0)
+    assert_same(found, picture(b, view, aovs=aovs, sampler=moving(b)))
+    assert np.isfinite(found["depth"]).any()
+
+
+@pytest.mark.parametrize("samples", [1, 3])
+def test_everything_else_is_drawn_as_without_coarse_levels(samples):
+    """Oracle: the field and the crypto layer of a picture without the tree, which is elsewhere."""
+    tree, field = made(15), made(16).leaves()
+    aside = np.diag([0.4, 0.4, 0.4, 1.0])
+    aside[0, 3] = 1.9
+    away = InstanceSpec(path="/tree", transform=tuple(aside.ravel()))
+    both, alone = tree_scene(tree, away), RenderScene()
+    for scene in (both, alone):
+        scene.set_field("/a", FieldSpec(cloud=field))
+        matrix = np.diag([0.3, 0.3, 0.3, 1.0])
+        scene.set_instances("/a", (InstanceSpec(path="/a", transform=tuple(matrix.ravel())),))
+    view = view_of(lens())
+    settings = {"aovs": ("color", "albedo"), "samples": samples}
+    found = picture(both, view, lod_error=1000.0, lod_samples=4, **settings)
+    expected = picture(alone, view, **settings)
+    assert found["color"][:, 110:, 3].max() > 0.5  # the tree
+    for name, array in expected.items():
+        np.testing.assert_allclose(found[name][:, :85], array[:, :85], atol=1e-6)
+
+
+def test_coarse_levels_are_averaged_in_the_blend_space():
+    """Oracle: the display picture, unpremultiplied and converted by the sRGB curve; averaging light
+    would be brighter."""
+    tree = made(17, n=4000)
+    view = view_of(lens())
+    settings = {"aovs": ("color",), "lod_error": 1000.0, "lod_samples": 4}
+    shown = picture(tree_scene(tree), view, **settings)["color"]
+    linear = picture(tree_scene(tree), view, color_mode="scene", **settings)["color"]
+    seen = shown[..., 3] > 0.3
+    assert seen.sum() > 1000
+    encoded, alpha = shown[seen][:, :3] / shown[seen][:, 3:], shown[seen][:, 3:]
+    expected = np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
+    np.testing.assert_allclose(linear[seen][:, :3], alpha * expected, atol=1e-5)
+
+
+def test_deep_samples_of_leaves_are_those_of_the_field():
+    """Oracle: the same splats as a field, with ids."""
+    tree, view = made(18), view_of(lens())
+    names = ("primId", "elementId")
+
+    def deep(scene, **settings):
+        renderer = Renderer(open_device())
+        strips = renderer.render_deep(scene, view, settings_of(**settings), names)
+        return [(each.depth.copy(), each.color.copy(), each.ids.copy()) for _, _, each in strips]
+
+    for found, expected in zip(
+        deep(tree_scene(tree), lod_error=0), deep(field_scene(tree)), strict=True
+    ):
+        for a, b in zip(found, expected, strict=True):
+            np.testing.assert_array_equal(a, b)

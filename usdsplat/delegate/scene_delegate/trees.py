@@ -1,0 +1,166 @@
+"""Read splat trees in the renderer's form, and notice changes of their chunks.
+
+Chunks are layers that no stage composes. Their edits and their files are therefore watched here.
+"""
+
+from __future__ import annotations
+
+import os
+import posixpath
+import threading
+import time
+from collections import Counter
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, cast
+
+from pxr import Sdf, Tf, Usd
+
+from usdsplat import schema
+from usdsplat.core.cloud import SplatCloud
+from usdsplat.core.errors import StageError
+from usdsplat.core.findings import Finding, finding
+from usdsplat.images.color import color_space
+from usdsplat.images.grade import grade_matrix
+from usdsplat.render.lod.tree import TreeSpec
+from usdsplat.render.specs import ProjectionMode, RasterizeMode, SortingMode
+from usdsplat.schema.tree import read_chunk, read_tree
+
+CHUNKS = "splat:chunks"
+PROPERTIES = ("splat:node", CHUNKS, "splat:lod:")
+"""Beginnings of the names of properties that a tree is read from, besides those of fields."""
+
+POLL = 1.0
+"""Least time between two looks at the files of chunks [s]."""
+
+
+class Chunks:
+    """The chunks of a stage's trees, and the edits of their layers.
+
+    Layers are watched until `close`. The callback only records paths.
+    """
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._changed: set[str] = set()
+        self._edits: Counter[str] = Counter()
+        self._of_trees: dict[str, tuple[str, ...]] = {}
+        """Path of a tree -> paths of its chunks."""
+        self._tokens: dict[str, tuple[Any, ...]] = {}
+        self._looked = 0.0
+        """When the files were looked at [s]."""
+        self._key: Any = None
+
+    def read(self, path: str, prim: Usd.Prim, at: float | None) -> TreeSpec:
+        """Read the tree at `path`; its chunks are read when they are drawn.
+
+        Raises:
+            UsdSplatError: If the tree cannot be drawn.
+        """
+        if self._key is None:
+            kind = Sdf.Notice.LayersDidChange
+            self._key = Tf.Notice.RegisterGlobally(kind, self._collect)
+        tree = read_tree(prim)
+        self._of_trees[path] = tree.chunks
+        tokens = {each: self._token(each) for each in tree.chunks}
+        self._tokens |= tokens
+        space = tree.color_space
+        color_space(space, where=f"{prim.GetPath()} color space")
+        mode, footprint = cast(RasterizeMode, schema.rasterize_mode(prim)), schema.footprint(prim)
+        return TreeSpec(
+            table=tree.table,
+            chunks=tuple(tokens[each] for each in tree.chunks),
+            load=_Loader(str(prim.GetPath()), tree.chunks),
+            degree=tree.degree,
+            color_space=space,
+            rasterize_mode="footprint" if footprint and mode == "classic" else mode,
+            footprint=footprint or 0.0,
+            projection_mode=cast(ProjectionMode, schema.projection_mode(prim)),
+            sorting_mode=cast(SortingMode, schema.sorting_mode(prim)),
+            grade=grade_matrix(schema.grade(prim, at), space),
+        )
+
+    def changed_trees(self) -> set[str]:
+        """Return the paths of the trees of which a chunk has changed since they were read.
+
+        Files are looked at once in POLL seconds.
+        """
+        with self._lock:
+            changed, self._changed = self._changed, set()
+        chunks = {chunk for tree in self._of_trees.values() for chunk in tree}
+        self._edits.update(changed & chunks)
+        now = time.monotonic()
+        if now - self._looked >= POLL:
+            self._looked = now
+            changed |= {each for each in chunks if self._tokens.get(each) != self._token(each)}
+        return {path for path, tree in self._of_trees.items() if changed.intersection(tree)}
+
+    def keep(self, paths: Collection[str]) -> None:
+        """Forget all trees but those at `paths`."""
+        self._of_trees = {path: each for path, each in self._of_trees.items() if path in paths}
+
+    def findings(
+        self, path: str, prim: Usd.Prim, problems: Mapping[int, Exception]
+    ) -> Iterator[Finding]:
+        """Yield what is wrong with the chunks of the tree at `path`.
+
+        If all missing ones belong in one folder, they are one finding.
+
+        Args:
+            problems: Chunk -> why it could not be read.
+        """
+        authored = prim.GetAttribute(CHUNKS).Get() or ()
+        resolved = self._of_trees.get(path, ())
+        lost = {
+            number: asset.path
+            for number, (asset, found) in enumerate(zip(authored, resolved, strict=False))
+            if not found or not Path(found).exists()
+        }
+        folders = {posixpath.dirname(each) for each in lost.values()}
+        if len(lost) > 1 and len(folders) == 1:
+            said = f"no files for {len(lost)} of {len(resolved)} chunks in the folder"
+            expected = "the layers that were written with the tree"
+            yield finding("bad-chunk", path, f"{said} {folders.pop() or '.'}", expected)
+        else:
+            for each in lost.values():
+                yield finding("bad-chunk", path, f"no file for the chunk {each}", "a layer")
+        for number, error in sorted(problems.items()):
+            if number not in lost:
+                said = f"a chunk that cannot be read ({error})"
+                yield finding("bad-chunk", path, said, "a layer with a splat field")
+
+    def close(self) -> None:
+        """Stop watching."""
+        if self._key is not None:
+            self._key.Revoke()
+            self._key = None
+
+    # --- private ---------------------------------------------------------------------------
+
+    def _token(self, path: str) -> tuple[Any, ...]:
+        """Return a token of a chunk's content: its path, file and number of edits."""
+        try:
+            state = os.stat(path)
+        except OSError:
+            return path, None, None, self._edits[path]
+        return path, state.st_mtime_ns, state.st_size, self._edits[path]
+
+    def _collect(self, notice: Any, sender: Any) -> None:
+        with self._lock:
+            self._changed.update(layer.realPath for layer in notice.GetLayers())
+
+
+class _Loader:
+    """Reader of the rows of a tree's chunks."""
+
+    def __init__(self, where: str, chunks: Sequence[str]) -> None:
+        self._where, self._chunks = where, chunks
+
+    def __call__(self, chunk: int, first: int, count: int) -> SplatCloud:
+        path = self._chunks[chunk]
+        if not path:
+            raise StageError(self._where, f"no file for chunk {chunk}", "a layer")
+        try:
+            return read_chunk(path, first, count)
+        except Tf.ErrorException:
+            raise StageError(path, "a file that USD cannot read", "a layer") from None

@@ -1,0 +1,160 @@
+"""Keep the splats of nodes of splat trees in memory, and read missing ones in threads."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import OrderedDict
+from collections.abc import Callable, Hashable, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, fields
+
+from usdsplat.core.cloud import SplatCloud
+from usdsplat.core.errors import UsageError, UsdSplatError
+
+THREADS = 4
+"""Number of threads that read."""
+MIB = 1 << 20
+
+Result = SplatCloud | UsdSplatError
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Request:
+    """Splats that are wanted."""
+
+    read: Callable[[], SplatCloud]
+    """Read them; raises a UsdSplatError if that is not possible. Other threads call it."""
+    size: int
+    """Bytes that they take in memory."""
+
+
+@dataclass(slots=True, eq=False)
+class _Entry:
+    result: Result
+    size: int
+    used: float
+    """Time of the last use [s]."""
+
+
+class NodeCache:
+    """Splats by key, with a limit on their memory and on the time without use.
+
+    It may be used by several threads.
+
+    Args:
+        clock: Function that returns the time [s].
+    """
+
+    def __init__(self, *, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
+        self._lock = threading.Lock()
+        self._entries: OrderedDict[Hashable, _Entry] = OrderedDict()
+        self._reading: dict[Hashable, Future[Result]] = {}
+        self._pool: ThreadPoolExecutor | None = None
+
+    def __contains__(self, key: Hashable) -> bool:
+        """Return whether the splats of a key are in memory."""
+        return key in self._entries
+
+    @property
+    def bytes(self) -> int:
+        """Bytes of all splats in memory."""
+        with self._lock:
+            return self._bytes()
+
+    def get(
+        self, wanted: Mapping[Hashable, Request], *, limit: int, lifetime: float
+    ) -> dict[Hashable, Result]:
+        """Return splats, or the error of those that cannot be read. Wait until all are read.
+
+        Others are dropped if they were not wanted for `lifetime` [s], and before that, the least
+        recently used first, if all would exceed the limit.
+
+        Args:
+            wanted: What to return, by keys that stand for the content.
+            limit: Maximum number of bytes.
+            lifetime: See above.
+
+        Raises:
+            UsageError: If what is wanted exceeds the limit.
+        """
+        needed = sum(each.size for each in wanted.values())
+        if needed > limit:
+            expected = f"at least {-(-needed // MIB)} MiB, a larger --lod-error or a --splat-budget"
+            raise UsageError("--node-memory", f"{limit // MIB} MiB", expected)
+        found: dict[Hashable, Result] = {}
+        with self._lock:
+            now = self._clock()
+            for key in wanted.keys() & self._entries.keys():
+                entry = self._entries[key]
+                entry.used, found[key] = now, entry.result
+                self._entries.move_to_end(key)
+            missing = wanted.keys() - found.keys()
+            self._make_room(wanted, limit - sum(wanted[key].size for key in missing), now, lifetime)
+            pending = {key: self._submit(key, wanted[key]) for key in wanted if key in missing}
+        for key, future in pending.items():
+            found[key] = future.result()
+        return found
+
+    def drop(self, keys: set[Hashable]) -> None:
+        """Drop splats, such as those of edited chunks."""
+        with self._lock:
+            for key in keys & self._entries.keys():
+                del self._entries[key]
+
+    def close(self) -> None:
+        """Drop everything and end the threads. The cache can be used again afterwards."""
+        with self._lock:
+            pool, self._pool = self._pool, None
+        if pool is not None:
+            pool.shutdown(wait=True)
+        with self._lock:
+            self._entries.clear()
+
+    # --- private ---------------------------------------------------------------------------
+
+    def _bytes(self) -> int:
+        return sum(entry.size for entry in self._entries.values())
+
+    def _make_room(
+        self, wanted: Mapping[Hashable, Request], room: int, now: float, lifetime: float
+    ) -> None:
+        """Drop entries that are old, or that do not fit into `room` bytes."""
+        held = self._bytes()
+        for key, entry in list(self._entries.items()):
+            if key in wanted:
+                continue
+            if now - entry.used > lifetime or held > room:
+                del self._entries[key]
+                held -= entry.size
+
+    def _submit(self, key: Hashable, request: Request) -> Future[Result]:
+        """Read in a thread, unless one is reading the same."""
+        if key not in self._reading:
+            if self._pool is None:
+                self._pool = ThreadPoolExecutor(THREADS, thread_name_prefix="node")
+            self._reading[key] = self._pool.submit(self._read, key, request)
+        return self._reading[key]
+
+    def _read(self, key: Hashable, request: Request) -> Result:
+        result: Result
+        try:
+            result = request.read()
+            size = _size(result)
+        except UsdSplatError as error:
+            result, size = error, 0
+        except BaseException:
+            with self._lock:
+                del self._reading[key]
+            raise
+        with self._lock:
+            del self._reading[key]
+            self._entries[key] = _Entry(result, size, self._clock())
+        return result
+
+
+def _size(cloud: SplatCloud) -> int:
+    """Return the bytes of the arrays of a cloud."""
+    arrays = (getattr(cloud, field.name) for field in fields(cloud))
+    return sum(array.nbytes for array in arrays if array is not None)

@@ -1,0 +1,121 @@
+"""Splat trees of a render scene."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from usdsplat.core.cloud import F64, I64, SplatCloud
+from usdsplat.core.errors import UsdSplatError
+from usdsplat.core.node_table import NodeTable
+from usdsplat.core.sh import coefficient_count
+from usdsplat.render.fields import Field
+from usdsplat.render.specs import (
+    NO_GRADE,
+    CropSpec,
+    InstanceSpec,
+    ProjectionMode,
+    RasterizeMode,
+    SortingMode,
+)
+
+Load = Callable[[int, int, int], SplatCloud]
+"""Return the splats of a chunk by its number, first row and number of rows. It raises a
+UsdSplatError if they cannot be read, and is called by several threads."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class TreeSpec:
+    """A splat tree of one prim in local space, and the prim's rendering hints."""
+
+    table: NodeTable
+    """A valid table, see `check_nodes`."""
+    chunks: tuple[Hashable, ...]
+    """Token of each chunk, which is replaced when the chunk's content changes. Trees with equal
+    tokens share the splats in memory."""
+    load: Load
+    degree: int = 0
+    """Degree of the harmonics."""
+    color_space: str = "srgb_rec709_scene"
+    rasterize_mode: RasterizeMode = "classic"
+    """Of leaves and residents, which are splats of the capture."""
+    projection_mode: ProjectionMode = "perspective"
+    sorting_mode: SortingMode = "zDepth"
+    footprint: float = 0.0
+    grade: tuple[float, ...] = NO_GRADE
+
+    @property
+    def splat_bytes(self) -> int:
+        """Bytes of one splat in memory."""
+        return 4 * (3 + 3 + 4 + 1 + 3 * coefficient_count(self.degree))
+
+    @property
+    def captured(self) -> int:
+        """Number of splats of the capture: those of the leaves, and the residents."""
+        leaf = self.table.child_count == 0
+        return int(self.table.proxies[leaf].sum() + self.table.residents.sum())
+
+    def first_elements(self) -> I64:
+        """Return the element ids of the first captured splat and of the first proxy of each node,
+        shape (2, n).
+
+        Splats of the capture are numbered first, by node; then the proxies, by node. A cut of
+        leaves therefore has the ids of a field with the same splats.
+        """
+        table = self.table
+        leaf = table.child_count == 0
+        captured = table.residents + np.where(leaf, table.proxies, 0)
+        proxies = np.where(leaf, 0, table.proxies)
+        return np.stack(
+            [
+                np.cumsum(captured) - captured,
+                captured.sum() + np.cumsum(proxies) - proxies,
+            ]
+        )
+
+
+@dataclass(slots=True, eq=False)
+class Tree:
+    """A splat tree of a scene, its instances, and what is kept between pictures."""
+
+    spec: TreeSpec
+    instances: tuple[InstanceSpec, ...] = ()
+    visible: bool = True
+    crops: tuple[CropSpec, ...] = ()
+    elements: I64 = field(init=False)
+    """See `TreeSpec.first_elements`."""
+    problems: dict[int, UsdSplatError] = field(default_factory=dict)
+    """Chunk -> why its splats could not be read."""
+    closed: set[int] = field(default_factory=set)
+    """Nodes that are not refined because a child cannot be read."""
+    lost: set[int] = field(default_factory=set)
+    """Nodes whose own splats cannot be read."""
+    fields: dict[tuple[int, bool], Field] = field(default_factory=dict)
+    """(node, is inner) -> the splats as a field of the draw list, for what was drawn last."""
+
+    def __post_init__(self) -> None:
+        self.elements = self.spec.first_elements()
+
+    @property
+    def is_drawn(self) -> bool:
+        """Whether the tree is visible, and has instances and splats."""
+        return self.visible and bool(self.instances) and self.spec.captured > 0
+
+    @property
+    def box(self) -> tuple[F64, F64]:
+        """Bounds of all splats in local space."""
+        table = self.spec.table
+        return table.low[0].astype(np.float64), table.high[0].astype(np.float64)
+
+    def replace(self, spec: TreeSpec) -> None:
+        """Replace the tree. Splats of unchanged chunks stay in the cache."""
+        self.spec, self.elements = spec, spec.first_elements()
+        self.problems, self.closed, self.lost, self.fields = {}, set(), set(), {}
+
+    def set_crops(self, crops: tuple[CropSpec, ...]) -> None:
+        """Set the crops that keep or remove splats."""
+        self.crops = crops
+        for each in self.fields.values():
+            each.crops = crops
