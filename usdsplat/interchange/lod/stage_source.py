@@ -57,7 +57,9 @@ class _Fields:
         for item in found:
             if is_tree(item.prim):
                 where = f"{path} {item.prim.GetPath()}"
-                raise StageError(where, "a splat tree", "splat fields, such as those it is built of")
+                raise StageError(
+                    where, "a splat tree", "splat fields, such as those it is built of"
+                )
         return cls(
             stage=stage,
             prims=tuple(item.prim for item in found),
