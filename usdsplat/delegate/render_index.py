@@ -101,10 +101,12 @@ class RenderIndex:
         return self._cameras[path]
 
     def sorting_hints(self) -> Iterator[tuple[str, SortingMode]]:
-        """Yield (path, sorting hint) of the visible fields."""
+        """Yield (path, sorting hint) of the visible fields and splat trees."""
         for path, field in sorted(self._fields.items()):
             if field.sorting_hint is not None:
                 yield path, field.sorting_hint
+        for path, tree in self._param.scene.drawn_trees():
+            yield path, tree.spec.sorting_mode
 
     def tree_problems(self) -> Iterator[tuple[str, Mapping[int, UsdSplatError]]]:
         """Yield (path, chunk -> why it could not be read) of the drawn trees."""

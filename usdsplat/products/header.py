@@ -26,10 +26,11 @@ from usdsplat.images.layout import ImageLayout, Metadata
 from usdsplat.products.request import PicturePlan
 from usdsplat.products.source_hash import source_hash
 from usdsplat.render.framing import Window, conform
+from usdsplat.render.lod.tree import TreeSpec
 from usdsplat.render.output import view_of
 from usdsplat.render.renderer import blend_space_of
 from usdsplat.render.settings import RenderSettings
-from usdsplat.render.specs import CameraSpec, View
+from usdsplat.render.specs import CameraSpec, FieldSpec, View
 
 DISPLAY = "srgb_rec709_display"
 UNKNOWN = "unknown"
@@ -184,11 +185,13 @@ def _lens(camera: CameraSpec, window: Window, info: StageInfo) -> Metadata:
 
 def _drawing(engine: Engine, plan: PicturePlan) -> Metadata:
     """Return the header entries on how splats are drawn and colours are converted."""
-    fields = [drawn.spec for _, drawn, _ in engine.render_scene.drawn()]
-    settings = plan.settings.resolved(spec.sorting_mode for spec in fields)
+    scene = engine.render_scene
+    specs: list[FieldSpec | TreeSpec] = [drawn.spec for _, drawn, _ in scene.drawn()]
+    specs += [tree.spec for _, tree in scene.drawn_trees()]
+    settings = plan.settings.resolved(spec.sorting_mode for spec in specs)
     if plan.deep:
         settings = replace(settings, color_mode="scene", blend_space="linear")
-    modes = {spec.drawn_mode(settings.rasterize_mode) for spec in fields}
+    modes = {spec.drawn_mode(settings.rasterize_mode) for spec in specs}
     entries = {
         "usdsplat:sorting": settings.sorting,
         "usdsplat:rasterizeMode": " and ".join(sorted(modes)),

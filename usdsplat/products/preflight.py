@@ -74,7 +74,7 @@ def findings_of(
     if scene.drawn_meshes() or _sees(scene, view):
         return
     stats = FrameStats()
-    if scene.drawn():
+    if scene.drawn() or scene.drawn_trees():
         columns, _ = plan.framing.resolution
         bands = engine.render(view, plan.settings, band_pixels=columns)
         next(bands)

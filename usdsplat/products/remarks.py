@@ -31,7 +31,7 @@ def nothing_drawn(engine: Engine, view: View, stats: FrameStats) -> Finding | No
     """Return a finding on an empty picture at the engine's time; None if it may not be empty."""
     if stats.visible or engine.render_scene.drawn_meshes():
         return None
-    if not engine.fields():
+    if not (engine.fields() or engine.render_scene.has_trees):
         found = "a stage without splats, points or surfaces"
     elif not stats.splats:
         found = "only splats that are hidden, of other purposes, or cannot be drawn"

@@ -100,12 +100,13 @@ def of_stage(
 
 def _drawn(stage: Usd.Stage, time: float | None) -> dict[str, Any]:
     """Return what a picture contains: the numbers of its splats and surfaces, and their bounds in
-    the world. Each instance counts, hidden prims do not."""
+    the world. A splat tree counts with the splats of its leaves. Each instance counts, hidden prims
+    do not."""
     with Engine(stage, time=time) as engine:
         scene = engine.render_scene
         bounds = scene.bounds()
         return {
-            "splats_drawn": sum(len(field.spec.cloud) for _, field, _ in scene.drawn()),
+            "splats_drawn": scene.draw_list().total,
             "surfaces_drawn": len(scene.drawn_meshes()),
             "world_bounds": None if bounds is None else [corner.tolist() for corner in bounds],
         }

@@ -25,6 +25,19 @@ Wrap = Literal["black", "clamp", "repeat", "mirror"]
 NO_GRADE = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 
 
+def drawn_mode(mode: str, authored: RasterizeMode, footprint: float) -> RasterizeMode:
+    """Return how the low-pass changes opacity.
+
+    Args:
+        mode: `RenderSettings.rasterize_mode`.
+        authored: Mode of the prim.
+        footprint: Size of a pixel of the photographs; 0 if unknown, which leaves the authored mode.
+    """
+    if mode == "auto" or (mode == "footprint" and not footprint):
+        return authored
+    return cast(RasterizeMode, mode)
+
+
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class PackedSpec:
     """Splats in packed form without their centres, see `schema.packing`."""
@@ -61,9 +74,7 @@ class FieldSpec:
 
     def drawn_mode(self, mode: str) -> RasterizeMode:
         """Return how the low-pass changes opacity, for `RenderSettings.rasterize_mode`."""
-        if mode == "auto" or (mode == "footprint" and not self.footprint):
-            return self.rasterize_mode
-        return cast(RasterizeMode, mode)
+        return drawn_mode(mode, self.rasterize_mode, self.footprint)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -19,6 +19,7 @@ from usdsplat.render.specs import (
     ProjectionMode,
     RasterizeMode,
     SortingMode,
+    drawn_mode,
 )
 
 Load = Callable[[int, int, int], SplatCloud]
@@ -45,6 +46,10 @@ class TreeSpec:
     sorting_mode: SortingMode = "zDepth"
     footprint: float = 0.0
     grade: tuple[float, ...] = NO_GRADE
+
+    def drawn_mode(self, mode: str) -> RasterizeMode:
+        """Return how the low-pass changes the opacity of leaves, as for fields."""
+        return drawn_mode(mode, self.rasterize_mode, self.footprint)
 
     @property
     def splat_bytes(self) -> int:
