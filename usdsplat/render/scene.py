@@ -60,6 +60,13 @@ def _subject(spec: FieldSpec | MeshSpec) -> Box | None:
     return _most_of(spec.cloud.positions)
 
 
+def _subject_of_tree(tree: Tree) -> Box:
+    """Return the bounds of the centres without outliers, by the coarsest level, which is small."""
+    if tree.subject is None:
+        tree.subject = _most_of(tree.coarsest()) or tree.box
+    return tree.subject
+
+
 def _most_of(positions: F32 | F64) -> Box | None:
     """Return the box around all finite positions but outliers."""
     few = positions[:: max(1, len(positions) // FEW)]
@@ -294,7 +301,10 @@ class RenderScene:
         return self._fields[path] if path in self._fields else self._meshes[path]
 
     def _union(self, name: str, measure: Any) -> Box | None:
-        boxes = [_place(tree.box, tree.instances) for _, tree in self.drawn_trees()]
+        boxes = [
+            _place(_subject_of_tree(tree) if name == "subject" else tree.box, tree.instances)
+            for _, tree in self.drawn_trees()
+        ]
         meshes = [mesh for mesh in self._meshes.values() if mesh.is_drawn]
         things: list[Any] = [*self.visible_fields(), *meshes]
         for thing in things:

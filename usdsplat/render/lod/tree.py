@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from usdsplat.core.cloud import F64, I64, SplatCloud
+from usdsplat.core.cloud import F32, F64, I64, SplatCloud
 from usdsplat.core.errors import UsdSplatError
 from usdsplat.core.node_table import NodeTable
 from usdsplat.core.sh import coefficient_count
@@ -97,6 +97,8 @@ class Tree:
     """Nodes that are not refined because a child cannot be read."""
     lost: set[int] = field(default_factory=set)
     """Nodes whose own splats cannot be read."""
+    subject: tuple[F64, F64] | None = None
+    """Bounds of the centres without outliers, in local space; computed on first use."""
     fields: dict[tuple[int, bool], Field] = field(default_factory=dict)
     """(node, is inner) -> the splats as a field of the draw list, for what was drawn last."""
 
@@ -114,10 +116,24 @@ class Tree:
         table = self.spec.table
         return table.low[0].astype(np.float64), table.high[0].astype(np.float64)
 
+    def coarsest(self) -> F32:
+        """Return the centres of the splats of the root, shape (n, 3); none if it cannot be read, or
+        has none."""
+        table = self.spec.table
+        count = int(table.proxies[0] + table.residents[0])
+        if not count or 0 in self.lost:
+            return np.empty((0, 3), np.float32)
+        try:
+            root = self.spec.load(int(table.chunk[0]), int(table.first_row[0]), count)
+        except UsdSplatError:
+            return np.empty((0, 3), np.float32)  # drawing reports it
+        return root.positions
+
     def replace(self, spec: TreeSpec) -> None:
         """Replace the tree. Splats of unchanged chunks stay in the cache."""
         self.spec, self.elements = spec, spec.first_elements()
         self.problems, self.closed, self.lost, self.fields = {}, set(), set(), {}
+        self.subject = None
 
     def set_crops(self, crops: tuple[CropSpec, ...]) -> None:
         """Set the crops that keep or remove splats."""
