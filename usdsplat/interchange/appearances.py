@@ -35,24 +35,19 @@ class Appearance:
     prim: Usd.Prim
     to_world: F64
     """Local to world matrices, column vectors, shape (k, 4, 4)."""
-    trees: TreeChoice = LEAVES
-    """What to read of a tree."""
+    tree: TreeReading | None = None
+    """What is read of a tree; None for a field."""
 
     @property
     def rasterize_mode(self) -> str:
-        """Mode in which the splats are drawn.
-
-        Raises:
-            StageError: If it is a tree that cannot be read.
-        """
-        if schema.is_tree(self.prim):
-            return TreeReading.of(self.prim, self.trees).rasterize_mode
-        return schema.rasterize_mode(self.prim)
+        """Mode in which the splats are drawn."""
+        mode = schema.rasterize_mode(self.prim)
+        return mode if self.tree is None else self.tree.rasterize_mode
 
     @property
     def chunk_files(self) -> tuple[str, ...]:
         """Files of the chunks of a tree; none for a field."""
-        return schema.read_tree(self.prim).chunks if schema.is_tree(self.prim) else ()
+        return () if self.tree is None else self.tree.tree.chunks
 
     def cloud(self, time: float | None, turn: F64) -> SplatCloud:
         """Return all its splats in world space, transformed by `turn`, shape (3, 3): axes and
@@ -62,11 +57,7 @@ class Appearance:
             StageError: If there are more than `MOST_SPLATS`, the field cannot be read, or float32
                 cannot hold its world positions.
         """
-        source: SplatCloud | TreeReading
-        if schema.is_tree(self.prim):
-            source = TreeReading.of(self.prim, self.trees)
-        else:
-            source = schema.fetch(self.prim, time)
+        source = self.tree if self.tree is not None else schema.fetch(self.prim, time)
         total = len(source) * len(self.to_world)
         if total > MOST_SPLATS:
             raise StageError(str(self.prim.GetPath()), f"{total} splats", f"{MOST_SPLATS} at most")
@@ -110,9 +101,7 @@ def appearances(stage: Usd.Stage, reading: StageReading) -> tuple[list[Appearanc
     places = UsdGeom.XformCache(code(time))
     found: list[Appearance]
     if is_exported(root):
-        found = [replace(_once(root, places), trees=trees)]
-        _check_choice(trees, found)
-        return found, []
+        return _chosen([_once(root, places)], trees), []
     found = []
     notes: list[str] = []
     items = item_choice(stage, code(time))
@@ -134,8 +123,7 @@ def appearances(stage: Usd.Stage, reading: StageReading) -> tuple[list[Appearanc
     if not found:
         where = prim_path or stage.GetRootLayer().identifier
         raise StageError(where, "; ".join(notes) or "no splat field", "a visible splat field")
-    _check_choice(trees, found)
-    return [replace(each, trees=trees) for each in found], notes
+    return _chosen(found, trees), notes
 
 
 def is_exported(prim: Usd.Prim) -> bool:
@@ -143,16 +131,25 @@ def is_exported(prim: Usd.Prim) -> bool:
     return schema.is_splat_field(prim) or schema.is_tree(prim)
 
 
-def _check_choice(trees: TreeChoice, found: list[Appearance]) -> None:
-    """Raise an error for a choice that has no effect, or for a level that no tree has."""
-    if trees == LEAVES:
-        return
-    tables = [schema.read_tree(each.prim).table for each in found if schema.is_tree(each.prim)]
-    if not tables:
-        raise UsageError("level of detail", "a stage without splat trees", "one with a tree")
-    top = max(int(heights(table)[0]) for table in tables)
-    if trees.level > top:
-        raise UsageError("level of detail", f"level {trees.level}", f"0 to {top}")
+def _chosen(found: list[Appearance], trees: TreeChoice) -> list[Appearance]:
+    """Return appearances with what is read of trees.
+
+    Raises:
+        StageError: If a tree cannot be read, or has no cut with so few splats.
+        UsageError: If the choice has no effect, or no tree has that level.
+    """
+    chosen = [
+        replace(each, tree=TreeReading.of(each.prim, trees)) if schema.is_tree(each.prim) else each
+        for each in found
+    ]
+    if trees != LEAVES:
+        trees_read = [each.tree.tree for each in chosen if each.tree is not None]
+        tops = [int(heights(tree.table)[0]) for tree in trees_read]
+        if not tops:
+            raise UsageError("level of detail", "a stage without splat trees", "one with a tree")
+        if trees.level > max(tops):
+            raise UsageError("level of detail", f"level {trees.level}", f"0 to {max(tops)}")
+    return chosen
 
 
 def code(time: float | None) -> Usd.TimeCode:
