@@ -10,7 +10,6 @@ that of a process of its own, without the making of the world.
 from __future__ import annotations
 
 import json
-import resource
 import subprocess
 import sys
 import tempfile
@@ -23,6 +22,7 @@ import numpy as np
 from pxr import Usd
 from rich.table import Table
 
+from benchmarks.memory import resident
 from benchmarks.report import Report
 from benchmarks.scenes import DATA
 from usdsplat import formats, schema
@@ -90,7 +90,7 @@ def measured(world: Path, memory: int) -> dict[str, Any]:
     steps.step("", 0, 0)
     levels = steps.spent["building levels"] - merging[0]
     spent = {**steps.spent, "building levels": levels, "merging": merging[0], "all": total}
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    peak = resident("VmHWM")
     return {"spent": spent, "peak": peak, "ratio": report.size / report.leaf_size}
 
 

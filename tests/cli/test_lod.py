@@ -68,13 +68,29 @@ def test_a_grade_is_a_finding_and_strict_writes_nothing(run, run_json, shot, tmp
         (("-o", "{}/t.usda", "--pixel", "nan"), "--pixel: found nan, expected a size"),
         (("-o", "{}/t.usda", "--axes", "xyz"), "axes: found 'xyz', expected the directions"),
         (("-o", "{}/t.usda", "--up-axis", "X"), "--up-axis: found 'X', expected one of Y, Z"),
-        (("-o", "{}/t.usda", "--frame", "inf"), "--frame: found inf, expected the number"),
+        (("-o", "{}/t.usda", "--frame", "3"), "--frame: found it with captures only, expected a"),
     ],
 )
 def test_wrong_options_are_one_line(run, capture, tmp_path, argv, said):
     """Oracle: status 2, where: found X, expected Y; nothing is written."""
     before = sorted(tmp_path.iterdir())
     status, out, err = run("lod", capture, *(word.format(tmp_path) for word in argv))
+    assert (status, out) == (2, "")
+    assert said in err and err.count("\n") == 1
+    assert sorted(tmp_path.iterdir()) == before
+
+
+@pytest.mark.parametrize(
+    ("flags", "said"),
+    [
+        (("--axes", "rdf"), "--axes: found it with stages only, expected a capture"),
+        (("--frame", "inf"), "--frame: found inf, expected the number of a frame"),
+    ],
+)
+def test_wrong_options_with_a_stage_are_one_line(run, shot, tmp_path, flags, said):
+    """Oracle: status 2, where: found X, expected Y; nothing is written."""
+    before = sorted(tmp_path.iterdir())
+    status, out, err = run("lod", shot, "-o", tmp_path / "t.usda", *flags)
     assert (status, out) == (2, "")
     assert said in err and err.count("\n") == 1
     assert sorted(tmp_path.iterdir()) == before

@@ -84,6 +84,7 @@ def run(options: Options, reporter: Reporter) -> int:
 
     if options.output is None:
         raise UsageError("lod", "no -o OUT", "one; see 'usdsplat lod --help'")
+    _check_inputs(options)
 
     def checked(findings: Iterable[Finding]) -> None:
         reporter.findings.extend(findings)
@@ -115,6 +116,21 @@ def run(options: Options, reporter: Reporter) -> int:
     else:
         console.say(_told(report))
     return 0
+
+
+def _check_inputs(options: Options) -> None:
+    """Raise an error for a flag that has no effect on any input.
+
+    Raises:
+        UsageError: If there is such a flag.
+    """
+    from usdsplat.interchange.files import is_usd
+
+    are_stages = {is_usd(path) for path in options.sources}
+    if options.frame is not None and True not in are_stages:
+        raise UsageError("--frame", "it with captures only", "a stage among the inputs")
+    if options.axes is not None and False not in are_stages:
+        raise UsageError("--axes", "it with stages only", "a capture among the inputs")
 
 
 _COMPILING = "compiling kernels, once; it takes up to half a minute"
