@@ -296,7 +296,7 @@ def view_of(scene: Scene, size: tuple[int, int], scale: float) -> View:
 def _job(state: ViewState, scene: Scene, quality: Quality) -> _Job:
     settings = scene.look.settings
     if not quality.averages:
-        settings = replace(settings, samples=1, lod_samples=1)
+        settings = replace(settings, samples=1, lod_samples=1, node_wait=False)
     if quality.splats is not None:
         settings = replace(settings, splat_budget=quality.splats)
     view = view_of(scene, state.size, quality.scale)
