@@ -37,8 +37,9 @@ def one(name: str, size: tuple[int, int], *, is_limited: bool) -> None:
     """Draw one frame in this process; print splats, and [MiB] before, estimate, limit and peak."""
     from usdsplat.kernels.bins import TILE
     from usdsplat.kernels.devices import open_device
+    from usdsplat.render.band import BAND_PIXELS
     from usdsplat.render.memory import PictureRequest, estimate, fitting
-    from usdsplat.render.renderer import BAND_PIXELS, Renderer
+    from usdsplat.render.renderer import Renderer
     from usdsplat.render.settings import RenderSettings
 
     if name in CAPTURES:

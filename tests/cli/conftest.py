@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 from pxr import Gf, Usd, UsdGeom
 
 from usdsplat import formats, schema
+from usdsplat.cli import console
 from usdsplat.cli.main import main
 from usdsplat.core.cloud import SplatCloud
 from usdsplat.delegate.engine import Engine
@@ -77,8 +79,12 @@ def shot(tmp_path):
 
 
 @pytest.fixture
-def run(capsys):
-    """Run the command line in this process; returns status, stdout and stderr."""
+def run(capsys, monkeypatch):
+    """Run the command line in this process; returns status, stdout and stderr.
+
+    Lines of progress are off, as they depend on how busy the machine is.
+    """
+    monkeypatch.setattr(console, "INTERVALS", ((math.inf, math.inf),))
 
     def command(*argv):
         capsys.readouterr()

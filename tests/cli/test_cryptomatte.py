@@ -162,3 +162,23 @@ def test_vars_ask_for_layers_in_several_spellings(
     (drawn,) = run_json("render", set_dressed, "--frames", 1, *SMALL)["pictures"]
     assert ",".join(drawn["aovs"]) == LAYERS
     assert mattes_of(tmp_path / "a.exr").keys() == GROUPS.keys()
+
+
+@pytest.mark.parametrize("flags", [(), ("--deep",)])
+def test_a_prim_that_is_hidden_at_the_frame_has_a_name(run, shot, tmp_path, flags):
+    """Oracle: the authored visibility: `Late` is visible before the frame, in the first half of the
+    shutter, so its hash is in the picture."""
+    stage = Usd.Stage.Open(str(shot))
+    seen = UsdGeom.Imageable(schema.author(stage, "/World/Late", ball(200))).GetVisibilityAttr()
+    seen.Set("inherited", 1.5)
+    seen.Set("invisible", 2.0)
+    camera = UsdGeom.Camera(stage.GetPrimAtPath("/World/Cam"))
+    camera.CreateShutterOpenAttr(-0.5)
+    camera.CreateShutterCloseAttr(0.5)
+    stage.GetRootLayer().Save()
+    words = ("--frames", 2, "--samples", 4, "--aovs", "color,cryptoObject", *flags)
+    output = tmp_path / "a.exr"
+    assert run("render", shot, "-o", output, "--camera", "/World/Cam", *words, *SMALL)[0] == 0
+    entries = OpenEXR.File(str(output)).header()
+    (manifest,) = (json.loads(entries[key]) for key in entries if key.endswith("/manifest"))
+    assert list(manifest) == ["/World/Ball", "/World/Late"]

@@ -169,6 +169,20 @@ def test_a_deep_file_flattens_to_the_beauty(run, shot, tmp_path, flags, holdout)
     assert "scaled per pixel" in meaning
 
 
+def test_the_beauty_may_be_blended_linearly(run, shot, tmp_path):
+    """Oracle: the samples are those of `--deep-color scene`, which flatten to that picture, to
+    half's rounding; stderr names the space."""
+    words = ("render", shot, "--frames", 1, *SMALL, "--deep", "--blend-space", "linear")
+    images, said = [], []
+    for name in ("scene", "beauty"):
+        status, _, err = run(*words, "-o", tmp_path / "d.exr", "--deep-color", name)
+        assert status == 0
+        images.append(read_deep(tmp_path / "d.exr").color)
+        said.append(float(re.search(r"is ([\d.]+) dB .*the picture blended linearly", err)[1]))
+    np.testing.assert_allclose(images[1], images[0], rtol=2e-3, atol=2e-6)
+    assert min(said) > 80
+
+
 def test_the_flat_picture_recolors_the_deep_one(run, shot, tmp_path):
     """The recipe of docs/deep.md. Oracle: its formula, colour by opacity, and the over operator."""
     words = ("render", shot, "--float", "--frames", 1, *SMALL)

@@ -129,6 +129,20 @@ def test_it_flattens_to_the_flat_picture_of_the_same_samples(
         assert decibels(flattened(tmp_path / "d.exr"), expected) < 45
 
 
+def test_overscan_of_the_beauty_flattens_to_the_flat_picture(run, blurred, tmp_path, monkeypatch):
+    """Where bands begin above row 0, in memory that allows several bands. Oracle: the flat
+    picture, 60 dB or more."""
+    monkeypatch.setattr(memory, "resident", lambda: 300 << 20)
+    flags = ("--overscan", 8, "--samples", 4, "--frames", 2, "--resolution", "96x64")
+    beauty = ("--deep", "--deep-color", "beauty", "--memory-limit", "420M")
+    deep, flat = tmp_path / "d.exr", tmp_path / "f.exr"
+    assert run("render", blurred, "-o", deep, *beauty, *flags)[0] == 0
+    assert run("render", blurred, "-o", flat, "--float", *flags)[0] == 0
+    found, expected = flattened(deep), read(flat)
+    assert found.shape == expected.shape == (80, 112, 4)
+    assert decibels(found, expected) > 60
+
+
 def test_each_sample_says_what_it_is_of(run, blurred, tmp_path):
     """Oracle: the header's tables; the weights of a prim's samples sum to its coverage in the flat
     picture's Cryptomatte, whose hashes are those of the samples; rows of arrays."""
@@ -204,8 +218,8 @@ def test_a_product_and_its_settings_may_ask_for_all_of_it(run, blurred, tmp_path
     status, _, err = run("render", blurred, *given)
     assert status == 0
     assert (
-        "note [deep-settings] /Render/deep: found splat:tileSize 32, expected none of these in a "
-        "deep picture; they have no effect on a deep picture" in err
+        "note [deep-settings] /Render/deep: found splat:tileSize 32, expected none of these; "
+        "they have no effect on a deep picture" in err
     )
     flags = ("--deep", "--samples", 8, "--aovs", "color,id,splatId")
     assert run("render", blurred, "-o", tmp_path / "f.exr", *flags, *given)[0] == 0
@@ -222,8 +236,9 @@ def test_a_product_and_its_settings_may_ask_for_all_of_it(run, blurred, tmp_path
         (("--color-mode", "display"), "splat:colorMode display"),
         (("--color-mode", "scene", "--empty-depth", "far"), "splat:emptyDepth far"),
         (("--multipart",), "splat:multipart True"),
-        (("--tile-size", "32", "--inverse-max", "9"), "splat:inverseMax 9.0, splat:tileSize 32"),
+        (("--tile-size", "32", "--inverse-max", "9"), "splat:inverseMax 9, splat:tileSize 32"),
         (("--config", "ocio://default"), "splat:ocioConfig ocio://default"),
+        (("--crypto-rank", "4"), "splat:cryptoRank 4"),
         ((), ""),
     ],
 )
@@ -236,10 +251,51 @@ def test_flags_without_effect_are_said(run, shot, tmp_path, flags, found):
         assert "deep-settings" not in err
         return
     assert f"note [deep-settings] render: found {found}, expected none of these" in err
+    assert "unused-view" not in err
     assert run("render", shot, "-o", tmp_path / "b.exr", *given)[0] == 0
     ours, theirs = (samples_of(tmp_path / name)[0] for name in ("a.exr", "b.exr"))
     for name, values in theirs.items():
         np.testing.assert_array_equal(ours[name], values)
+
+
+def test_flags_of_deep_pictures_are_said_of_flat_ones(run, shot, tmp_path):
+    """Oracle: the sentence, once; a deep picture, and default values, are no reason for it."""
+    flags = ("--deep-color", "beauty", "--deep-error", "0.01", "--frames", 1, *SMALL)
+    status, _, err = run("render", shot, "-o", tmp_path / "a.exr", *flags)
+    assert status == 0 and err.count("flat-settings") == 1
+    found = "splat:deepError 0.01, splat:deepColor beauty"
+    assert f"note [flat-settings] render: found {found}, expected none of these" in err
+    assert "they have no effect on a flat picture" in err
+    for other in (("--deep", "--no-compare"), ("--deep-color", "scene", "--deep-error", "0")):
+        status, _, err = run("render", shot, "-o", tmp_path / "a.exr", *flags, *other)
+        assert status == 0 and "flat-settings" not in err
+
+
+@pytest.mark.parametrize("on", ["settings", "product", "deep product"])
+def test_settings_of_deep_pictures_are_said_of_flat_products_that_author_them(
+    run, shot, tmp_path, on
+):
+    """A RenderSettings with a flat and a deep product. Oracle: the product's path, if it authors
+    the value itself; a flag may be meant for the deep one."""
+    stage = Usd.Stage.Open(str(shot))
+    settings = UsdRender.Settings.Define(stage, "/Render/Main")
+    for name, kind in (("flat", "raster"), ("deep", "deepRaster")):
+        product = UsdRender.Product.Define(stage, f"/Render/{name}")
+        product.GetProductTypeAttr().Set(kind)
+        product.GetProductNameAttr().Set(str(tmp_path / f"{name}.exr"))
+        settings.GetProductsRel().AddTarget(product.GetPath())
+    path = {"settings": "/Render/Main", "product": "/Render/flat", "deep product": "/Render/deep"}
+    prim = stage.GetPrimAtPath(path[on])
+    prim.AddAppliedSchema("SplatRenderSettingsAPI")
+    prim.GetAttribute("splat:deepError").Set(0.01)
+    stage.GetRootLayer().Save()
+    given = ("--camera", "/World/Cam", *SMALL, "--no-compare", "--frames", 1)
+    status, _, err = run("render", shot, *given)
+    assert status == 0
+    found = "note [flat-settings] /Render/flat: found splat:deepError 0.01" in err
+    assert (found, err.count("flat-settings")) == ((True, 1) if on == "product" else (False, 0))
+    status, _, err = run("render", shot, *given, "--deep-error", "0.02")
+    assert status == 0 and "flat-settings" not in err
 
 
 def test_blur_that_is_left_out_or_too_wide_is_said_of_deep_pictures_too(run, blurred, tmp_path):

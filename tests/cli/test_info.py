@@ -8,7 +8,7 @@ import shutil
 
 import numpy as np
 import pytest
-from pxr import Sdf, Usd, UsdGeom
+from pxr import Gf, Sdf, Usd, UsdGeom
 
 from tests.cli.conftest import ball
 from tests.renders import seen
@@ -158,6 +158,22 @@ def test_instances_are_counted_as_a_render_counts_them(run_json, shot):
     stage.GetRootLayer().Save()
     told = run_json("info", shot)
     assert (told["splats"], told["splats_drawn"]) == (357, 400)
+
+
+def test_surfaces_and_the_bounds_of_a_picture_are_told(run_json, shot):
+    """Oracle: a cube of edge 2 around (10, 0, 0), beside a ball around the origin; a hidden one
+    counts for nothing."""
+    before = run_json("info", shot)["world_bounds"]
+    stage = Usd.Stage.Open(str(shot))
+    for name, x in (("Box", 10.0), ("Hidden", 90.0)):
+        cube = UsdGeom.Cube.Define(stage, f"/World/{name}")
+        cube.AddTranslateOp().Set(Gf.Vec3d(x, 0, 0))
+    cube.MakeInvisible()
+    stage.GetRootLayer().Save()
+    told = run_json("info", shot)
+    assert told["surfaces_drawn"] == 1
+    assert told["world_bounds"][0] == pytest.approx([before[0][0], -1, -1])
+    assert told["world_bounds"][1] == pytest.approx([11, 1, 1])
 
 
 def test_a_capture_has_no_time(run, capture):

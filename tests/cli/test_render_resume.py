@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pxr import Sdf
 
 from tests.cli.test_render import SMALL, read
 
@@ -68,3 +69,41 @@ def test_resume_with_nothing_to_do_says_so(run, shot, tmp_path):
     assert run("render", shot, "-o", tmp_path / "a.png", *SMALL)[0] == 0
     found = run("render", shot, "-o", tmp_path / "a.png", "--resume", *SMALL)
     assert found == (0, "", "usdsplat: nothing to do: every file exists already\n")
+
+
+def test_resume_keeps_deep_pictures_with_the_same_samples_and_channels(run, shot, tmp_path):
+    """Oracle: the names that are printed, and the reason on stderr."""
+    deep = ("render", shot, "-o", tmp_path / "d.exr", "--deep", "--frames", 1, *SMALL)
+    deep = (*deep, "--no-compare", "--samples", "4", "--resume")
+    first, again, other = run(*deep), run(*deep), run(*deep, "--aovs", "color,Z,id")
+    assert [status for status, _, _ in (first, again, other)] == [0, 0, 0]
+    assert "d.exr" in first[1] and again[1] == ""
+    assert "d.exr" in other[1]
+    assert "d.exr: found a picture with other channels; it is drawn again" in other[2]
+
+
+@pytest.mark.parametrize(("first", "then"), [(2, 6), (6, 2), (8, 4)])
+def test_resume_compares_the_ranks_of_cryptomattes(run, shot, tmp_path, first, then):
+    """Oracle: the names that are printed, and the reason on stderr; an odd number of ranks has the
+    channels of the next even one."""
+    render = ("render", shot, "-o", tmp_path / "a.exr", "--aovs", "color,cryptoObject", *SMALL)
+    render = (*render, "--frames", 1, "--resume", "--crypto-rank")
+    assert "a.exr" in run(*render, first)[1]
+    for same in (first, max(2, first - 1)):
+        assert run(*render, same)[:2] == (0, "")
+    status, out, err = run(*render, then)
+    assert status == 0 and "a.exr" in out
+    assert "found a picture with other channels; it is drawn again" in err
+    assert run(*render, then)[:2] == (0, "")
+
+
+def test_resume_draws_again_after_an_edit_of_the_stage(run, shot, tmp_path):
+    """Oracle: the names that are printed; a comment changes the bytes of the stage, no value."""
+    render = ("render", shot, "-o", tmp_path / "a.exr", "--frames", 1, *SMALL, "--resume")
+    assert run(*render)[1] != "" and run(*render)[1] == ""
+    layer = Sdf.Layer.FindOrOpen(str(shot))
+    layer.comment = "edited"
+    layer.Save()
+    status, out, err = run(*render)
+    assert status == 0 and "a.exr" in out
+    assert "found a picture of another version of the stage's files" in err

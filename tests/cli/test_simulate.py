@@ -297,7 +297,9 @@ def test_an_interrupted_bake_is_a_finding_until_it_is_resumed(run, sim, tmp_path
     for words in (("validate", bake), picture):
         status, out, _ = run(*words, "--json")
         found = [each for each in json.loads(out)["findings"] if each["code"] == "unfinished-bake"]
-        assert [each["found"] for each in found] == ["a.usda, an interrupted bake, with 0 frames"]
+        assert [each["found"] for each in found] == [
+            "a.usda, an interrupted bake, with 0 frames complete"
+        ]
         assert status == (1 if words[0] == "validate" else 0)
     assert run(*simulate, "--resume")[0] == 0
     for words in (("validate", bake), picture):

@@ -52,6 +52,18 @@ def test_a_png_of_a_scene_picture_goes_through_the_view(drawn):
     assert np.abs(png - codes).max() <= 0.51
 
 
+@pytest.mark.parametrize("flags", [ACES, (*ACES, *REC1886), ("--bake-view", *ACES)])
+def test_a_png_goes_through_a_view_that_is_named(drawn, flags):
+    """Oracle: the picture in colour mode scene; without a view it is the display picture."""
+    scene, _, _ = drawn("a.png", "--color-mode", "scene", *flags)
+    auto, spec, _ = drawn("b.png", *flags)
+    np.testing.assert_array_equal(auto, scene)
+    assert "Display" in spec.getattribute("usdsplat:view")
+    display, _, _ = drawn("c.png", "--color-mode", "display")
+    np.testing.assert_array_equal(drawn("d.png")[0], display)
+    assert (display != scene).any()
+
+
 def test_an_exr_is_baked_when_asked(drawn):
     """Oracle: the EXR that is not, through `ViewTransform`; albedo goes too, depth, which readers
     put between the two, does not."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import random
 import struct
 import zlib
+from dataclasses import replace
 
 import numpy as np
 import OpenImageIO as oiio
@@ -79,6 +80,21 @@ def test_some_rows_are_those_of_the_whole(tmp_path, tile):
     np.testing.assert_array_equal(offsets, whole.offsets[2 * 13 : 9 * 13 + 1] - part.start)
     np.testing.assert_array_equal(arrays["Z"], whole.depth[part])
     np.testing.assert_array_equal(arrays["A"], whole.color[part, 3])
+
+
+@pytest.mark.parametrize("columns", [(-3, 10), (-1, 4), (5, 6), (6, 10), (-3, -2)])
+@pytest.mark.parametrize("tile", [None, (8, 4), (3, 5)])
+def test_some_columns_are_those_of_the_whole(tmp_path, tile, columns):
+    """Oracle: the whole picture, pixel by pixel."""
+    band = deep_picture(11, 13)
+    written_by_openimageio(tmp_path / "a.exr", band, compression="zips", tile=tile)
+    whole = read_deep(tmp_path / "a.exr")
+    with DeepFile(tmp_path / "a.exr") as file:
+        offsets, arrays = file.rows(7, 14, ("Z",), columns=columns)
+    pixels = [13 * (y - 5) + x + 3 for y in range(7, 14) for x in range(*columns)]
+    expected = [whole.depth[whole.offsets[k] : whole.offsets[k + 1]] for k in pixels]
+    assert np.diff(offsets).tolist() == [len(each) for each in expected]
+    np.testing.assert_array_equal(arrays["Z"], np.concatenate(expected))
 
 
 def test_of_many_deep_parts_the_first_is_read(tmp_path):
@@ -163,8 +179,27 @@ def test_counts_are_not_believed_beyond_what_the_file_holds(tmp_path):
     size = (2**31 - 1) * 20
     data[at + 20 : at + 28] = struct.pack("<Q", size)
     path.write_bytes(data)
-    with pytest.raises(FormatError, match="cannot be unpacked"):
+    with pytest.raises(FormatError, match="invalid sample counts"):
         read_deep(path)
+
+
+@pytest.mark.parametrize("compression", ["none", "rle", "zips"])
+def test_sizes_are_not_believed_beyond_what_packed_bytes_can_hold(tmp_path, compression):
+    """Oracle: a size of 2^60 in a chunk's header is one sentence; that of equal samples, which are
+    packed as small as can be, is right."""
+    band = deep_picture(3, 200, most=50)
+    same = replace(band, depth=np.ones_like(band.depth), depth_back=np.ones_like(band.depth))
+    same = replace(same, color=np.zeros_like(band.color))
+    path = tmp_path / "a.exr"
+    written_by_openimageio(path, same, compression=compression)
+    with DeepFile(path) as file:
+        assert file.samples_by_band() == band.counts.sum(axis=1).tolist()
+        chunk = file._chunks[1]
+    data = bytearray(path.read_bytes())
+    data[chunk + 20 : chunk + 28] = struct.pack("<Q", 2**60)
+    path.write_bytes(data)
+    with DeepFile(path) as file, pytest.raises(FormatError, match="invalid sample counts"):
+        file.samples_by_band()
 
 
 def test_a_stream_that_inflates_without_end_is_stopped():

@@ -11,7 +11,7 @@ from tests.images.test_deep_reader import written_by_openimageio
 from tests.images.test_exr import picture, write
 from usdsplat.core.errors import FormatError, UsageError
 from usdsplat.images import holdout_nodes
-from usdsplat.images.deep import DeepBand
+from usdsplat.images.deep import DeepBand, DeepWriter
 from usdsplat.images.holdout import open_holdout
 from usdsplat.images.layout import ImageLayout
 from usdsplat.kernels import reference_rays
@@ -196,6 +196,39 @@ def test_samples_in_any_order_are_sorted(tmp_path):
     written_by_openimageio(tmp_path / "a.exr", band, compression="none")
     rows = open_holdout(tmp_path / "a.exr", resolution=SIZE).rows(0, 0, 64, 48)
     compare_deep(rows, samples_of(band), (-3, 5), (0, 0, 64, 48))
+
+
+def test_nothing_at_or_behind_the_camera_hides(tmp_path):
+    """Without extent, behind, across and from the camera on; opaque ones too. Oracle: the rule for
+    points; for extents, what the reference says of the whole sample in front of a depth, relative
+    to what it says in front of the camera; a flat file of the same depths."""
+    front = np.float32([0, -2, -5, -5, -1, 0, -1, 3, -3])
+    back = np.float32([0, -2, -1, 0, 4, 4, 7, 3, np.inf])
+    alpha = np.float32([0.5, 0.5, 0.5, 0.5, 0.75, 0.5, 1, 0.25, 0.5])
+    color = np.stack([alpha] * 4, axis=1)
+    band = DeepBand(counts=np.ones((1, 9), np.uint32), depth=front, depth_back=back, color=color)
+    layout = ImageLayout(resolution=(9, 1), pixel_type="float")
+    with DeepWriter(tmp_path / "a.exr", layout, merged=True) as writer:
+        writer.write_band(0, band)
+    nodes = open_holdout(tmp_path / "a.exr", resolution=(9, 1)).rows(0, 0, 9, 1)
+    depths = np.array([0.01, 1.0, 3.5, 5.0])
+    for pixel in range(9):
+        found = [held_through(*nodes, pixel, np.float32(depth)) for depth in depths]
+        expected = np.ones(4)
+        if pixel in (4, 5, 7):
+            sample = [each[pixel : pixel + 1].astype(np.float64) for each in (front, back, alpha)]
+            expected = reference_rays.held_through(*sample, depths)
+            expected /= reference_rays.held_through(*sample, np.zeros(1))
+        if pixel == 6:
+            expected = np.zeros(4)
+        np.testing.assert_allclose(found, expected, atol=1e-6, err_msg=str(pixel))
+    points = [0, 1, 7]
+    flat(tmp_path / "f.exr", {"A": alpha[None, points], "Z": front[None, points]}, full=(3, 1))
+    opaque, edges = open_holdout(tmp_path / "f.exr", resolution=(3, 1)).rows(0, 0, 3, 1)
+    assert np.isinf(opaque).all()
+    for i, pixel in enumerate(points):
+        for depth in np.float32(depths):
+            assert held_through(*edges, i, depth) == held_through(*nodes, pixel, depth)
 
 
 def test_ours_without_zback_holds_out(tmp_path):

@@ -54,6 +54,26 @@ def test_samples_that_overlap_multiply(seed):
 
 
 @pytest.mark.parametrize("seed", range(3))
+def test_samples_that_begin_or_end_at_the_same_depths_multiply(seed):
+    """Ends are whole numbers, so that most coincide with those of other samples; some extents are
+    negative, some samples opaque or almost so. Oracle: the reference's product in float64."""
+    rng = np.random.default_rng(seed)
+    counts = rng.integers(0, 9, 200)
+    n = int(counts.sum())
+    front = rng.integers(1, 9, n).astype(np.float32)
+    back = front + rng.integers(-1, 4, n).astype(np.float32)
+    alpha = rng.choice([0, 1e-7, 0.1, 0.5, 0.9999, 1], n).astype(np.float32)
+    offsets = np.concatenate([[0], np.cumsum(counts)])
+    nodes = nodes_of(offsets, front, back, alpha)
+    depths = np.arange(0, 14, 0.25)
+    for pixel in range(len(counts)):
+        part = slice(offsets[pixel], offsets[pixel + 1])
+        sample = [each[part].astype(np.float64) for each in (front, back, alpha)]
+        expected = reference_rays.held_through(*sample, depths)
+        np.testing.assert_allclose(held(nodes, pixel, depths), expected, atol=2e-6)
+
+
+@pytest.mark.parametrize("seed", range(3))
 def test_openexr_splits_and_merges_to_the_same(seed):
     """Oracle: OpenImageIO's DeepData: split at the depth, sorted, overlaps merged; what is in front
     of the depth, composited."""

@@ -99,3 +99,18 @@ def test_what_is_no_colour_picture_is_refused(tmp_path: Path) -> None:
         read_plate(grey)
     with pytest.raises(UsageError, match="'teapot'"):
         read_plate(write(tmp_path / "a.exr", RGB), space="teapot")
+
+
+@pytest.mark.parametrize(("x", "space"), [(0.713, "lin_ap1_scene"), (0.64, "lin_rec709_scene")])
+def test_chromaticities_of_the_file_are_its_space(tmp_path: Path, x: float, space: str) -> None:
+    """Oracle: OpenEXR's definition of the attribute; the numbers are those of AP1 (ACES S-2014-004)
+    or Rec.709, rounded as other programs round them."""
+    ap1 = (0.713, 0.293, 0.165, 0.83, 0.128, 0.044, 0.3217, 0.3377)
+    rec709 = (0.64, 0.33, 0.3, 0.6, 0.15, 0.06, 0.3127, 0.329)
+    buffer = oiio.ImageBuf(np.ascontiguousarray(RGB))
+    spec = buffer.specmod()
+    spec.attribute("chromaticities", "float[8]", ap1 if x == ap1[0] else rec709)
+    spec.erase_attribute("oiio:ColorSpace")
+    assert buffer.write(str(tmp_path / "a.exr"), "float")
+    plate = read_plate(tmp_path / "a.exr")
+    assert (plate.space, plate.space_source) == (space, "file")

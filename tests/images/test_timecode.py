@@ -9,6 +9,7 @@ import OpenEXR
 import pytest
 
 from usdsplat.core.errors import UsageError
+from usdsplat.images.labels import time_metadata, timecode_offset
 from usdsplat.images.layout import ImageLayout
 from usdsplat.images.timecode import (
     Timecode,
@@ -137,3 +138,18 @@ def test_other_notations_are_refused(text):
     """Oracle: the ranges of hours, minutes, seconds and frames."""
     with pytest.raises(UsageError):
         parse_timecode(text, "--start-timecode")
+
+
+@pytest.mark.parametrize(("rate", "per_second"), [(25, 24), (23.976, 24), (24, 25), (30, 24)])
+def test_the_first_frame_has_the_time_code_that_is_asked_for(rate: float, per_second: float):
+    """Oracle: the option's promise, and that frames are counted on from there; the stage's first
+    frame is 1001, which is not a whole number of frames from 0 at these rates."""
+    start = timecode_offset("10:00:00:00", first=1001, rate=rate, per_second=per_second)
+    found = [
+        time_metadata(frame=frame, rate=rate, per_second=per_second, shutter=(0, 0), offset=start)[
+            "timeCode"
+        ]
+        for frame in (1001, 1002, 1003)
+    ]
+    assert str(found[0]) == "10:00:00:00"
+    assert [str(code) for code in found] == sorted(str(code) for code in found)

@@ -31,7 +31,8 @@ def test_every_rank_is_read_back(device: Device) -> None:
     alpha[:1000] = 1
     digits = np.stack([ranks >> 11 * k & 2047 for k in range(3)], axis=1).astype(np.float32)
     color = np.column_stack([alpha[:, None] * digits, alpha]).astype(np.float32)
-    color[1000:, :3] = np.nextafter(color[1000:, :3], np.float32(np.inf) * rng.choice([-1, 1]))
+    signs = rng.choice([-1, 1], (n - 1000, 3)).astype(np.float32)
+    color[1000:, :3] = np.nextafter(color[1000:, :3], np.float32(np.inf) * signs)
     color[1000:, :3][digits[1000:] == 0] = 0
     found = np.empty((n, 1), np.int32)
     device.run(deep_ids.read_ranks, color, 2**31 - 1, found)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -136,13 +138,37 @@ def test_samples_never_mix_ids(error) -> None:
 
 
 def test_more_than_may_be_held_is_an_error() -> None:
-    """Oracle: the number of samples; those of equal depth count once."""
+    """Oracle: the number of samples; those of equal depth count once when they are joined, which is
+    after the second and the fourth picture."""
     picture = deep_picture(1)
     n = len(picture.depth)
     DeepAccumulator(CpuDevice(), 4, n).add(picture)
     with pytest.raises(TooManyEntries):
         DeepAccumulator(CpuDevice(), 4, n - 1).add(picture)
-    same = DeepAccumulator(CpuDevice(), 4, n)
-    for _ in range(4):
+    same = DeepAccumulator(CpuDevice(), 4, 2 * n)
+    for held in (n, n, 2 * n, 2 * n):
         same.add(picture)
+        assert same.held == held
     assert len(same.finish(0.0).depth) == n
+
+
+def test_joining_n_pictures_takes_n_log_n(monkeypatch) -> None:
+    """Oracle: of pictures without common depths, each sample is copied once for each level of a
+    binary tree; the samples are those of all pictures."""
+    joined = DeepAccumulator._joined
+    copied = []
+
+    def counting(self, first, last):
+        found = joined(self, first, last)
+        copied.append(len(found.depth))
+        return found
+
+    monkeypatch.setattr(DeepAccumulator, "_joined", counting)
+    picture = deep_picture(1)
+    n, count = len(picture.depth), 64
+    accumulator = DeepAccumulator(CpuDevice(), count, count * n)
+    for i in range(count):
+        accumulator.add(replace(picture, depth=picture.depth + np.float32(1e-3 * (i + 1))))
+    total = len(accumulator.finish(0.0).depth)
+    assert total == count * n == accumulator.held
+    assert sum(copied) == count * n * 6

@@ -67,7 +67,7 @@ def test_ranks_of_one_sample_are_those_of_an_average_of_one(
     numbers, hashes = np.arange(prims, dtype=np.int32), rng.random(prims).astype(np.float32)
     out = np.full((*shape, 2 * written), np.nan, np.float32)
     device.run(cryptomatte.rank, ids, weights, shown, left, hashes, out)
-    slots = (*shape, cryptomatte.SLOTS * weigh.RANKS)
+    slots = (*shape, cryptomatte.SLOTS_PER_PRIM * weigh.RANKS)
     all_ids, all_weights = np.zeros(slots, np.int32), np.zeros(slots, np.float32)
     device.run(cryptomatte.begin, all_ids, all_weights)
     device.run(cryptomatte.gather, ids, weights, numbers, all_ids, all_weights)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 
-import numpy as np
 import OpenImageIO as oiio
 import pytest
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdRender
@@ -34,14 +33,22 @@ def crowd(shot):
     return shot
 
 
-def seen_in(path):
-    """Paths of the prims in a picture, by its ids and its table."""
+def ids_in(path):
+    """The table of a picture, and the values of each channel in the pixels with an id."""
     file = oiio.ImageInput.open(str(path))
     table = json.loads(file.spec().getattribute("usdsplat:ids"))
     file.seek_subimage(1, 0)
-    ids = np.unique(file.read_image(1, 0, 0, 1, "uint"))
+    names = list(file.spec().channelnames)
+    pixels = file.read_image(1, 0, 0, len(names), "uint").reshape(-1, len(names))
     file.close()
-    return tuple(table), {table[number] for number in ids if number != 2**32 - 1}
+    here = pixels[pixels[:, names.index("id")] != 2**32 - 1]
+    return table, {name: here[:, names.index(name)].tolist() for name in names}
+
+
+def seen_in(path):
+    """Paths of the prims in a picture, by its ids and its table."""
+    table, channels = ids_in(path)
+    return tuple(table), {table[number] for number in channels["id"]}
 
 
 def drawn(stage, tmp_path, *flags):
@@ -93,15 +100,10 @@ def scattered(crowd):
 
 def instances_in(path):
     """Pairs (path of the prim, instance) of the instances in a picture."""
-    file = oiio.ImageInput.open(str(path))
-    table = json.loads(file.spec().getattribute("usdsplat:ids"))
-    file.seek_subimage(1, 0)
-    names = file.spec().channelnames
-    pixels = file.read_image(1, 0, 0, len(names), "uint").reshape(-1, len(names))
-    file.close()
-    pairs = {(row[names.index("id")], row[names.index("instanceId")]) for row in pixels.tolist()}
-    found = {(table[prim], instance) for prim, instance in pairs if prim != 2**32 - 1}
-    return {pair for pair in found if "/Scatter/" in pair[0]}
+    table, channels = ids_in(path)
+    prims = (table[number] for number in channels["id"])
+    pairs = set(zip(prims, channels["instanceId"], strict=True))
+    return {pair for pair in pairs if "/Scatter/" in pair[0]}
 
 
 def test_hidden_instances_move_no_id(scattered, tmp_path):

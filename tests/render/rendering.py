@@ -7,7 +7,8 @@ import numpy as np
 from usdsplat.core.cloud import SplatCloud
 from usdsplat.kernels import reference
 from usdsplat.kernels.devices import open_device
-from usdsplat.render.renderer import AOVS, BAND_PIXELS, Renderer
+from usdsplat.render.band import BAND_PIXELS
+from usdsplat.render.renderer import AOVS, Renderer
 from usdsplat.render.scene import RenderScene
 from usdsplat.render.settings import RenderSettings
 from usdsplat.render.specs import CameraSpec, FieldSpec, Framing, InstanceSpec, View

@@ -34,6 +34,7 @@ from usdsplat.images.layout import ImageLayout
 from usdsplat.kernels.device import CpuDevice
 from usdsplat.kernels.devices import open_device
 from usdsplat.render import frame
+from usdsplat.render.deep_memory import DeepSize
 from usdsplat.render.deep_samples import DeepSamples
 from usdsplat.render.renderer import Renderer
 from usdsplat.render.scene import RenderScene
@@ -62,7 +63,11 @@ def deep_of(scene, view, *, holdout=None, **settings) -> DeepSamples:
     renderer = Renderer(open_device())
     width, height = view.framing.resolution
     bands = renderer.render_deep(
-        scene, view, settings_of(**settings), holdout=holdout, band_pixels=width * height // 2
+        scene,
+        view,
+        settings_of(**settings),
+        holdout=holdout,
+        size=DeepSize(band_pixels=width * height // 2),
     )
     parts = [samples for _, _, samples in bands]
     names = ("counts", "depth", "depth_back", "color", "left")
@@ -237,7 +242,7 @@ def test_strips_join_without_a_seam(monkeypatch, name) -> None:
         holdout = everything.holdout_of(case)
         return list(
             Renderer(CpuDevice()).render_deep(
-                scene, view, settings, holdout=holdout, band_pixels=SIZE[0] * SIZE[1]
+                scene, view, settings, holdout=holdout, size=DeepSize(band_pixels=SIZE[0] * SIZE[1])
             )
         )
 

@@ -15,6 +15,7 @@ from usdsplat.images.cryptomatte import object_hash
 from usdsplat.kernels.device import CpuDevice
 from usdsplat.kernels.devices import open_device
 from usdsplat.render import deep_merging
+from usdsplat.render.deep_memory import USUAL_SIZE, DeepSize
 from usdsplat.render.deep_samples import DEEP_IDS, DeepSamples
 from usdsplat.render.renderer import Renderer
 
@@ -23,14 +24,14 @@ LINEAR = {"blend_space": "linear", "color_mode": "scene"}
 SAMPLES = {"samples": 12, "pixel_filter": "gaussian"}
 
 
-def drawn(case, *, aovs=(), band_pixels=1 << 17, device=None, window=(0, 0, *SIZE), **settings):
+def drawn(case, *, aovs=(), size=USUAL_SIZE, device=None, window=(0, 0, *SIZE), **settings):
     """A deep picture of a scene with every feature, whose camera moves in the shutter interval."""
     scene, view = everything.scene_of(case, 250), everything.view_on(case, SIZE)
     view = replace(view, framing=replace(view.framing, data_window=window))
     strips = Renderer(device or open_device()).render_deep(
         scene, view, settings_of(**case.settings | settings), aovs,
         sampler=lambda time: (scene, everything._moved(view, time)),
-        holdout=everything.holdout_of(case), band_pixels=band_pixels,
+        holdout=everything.holdout_of(case), size=size,
     )  # fmt: skip
     strips = list(strips)
     ends = [y1 for _, y1, _ in strips]
@@ -92,10 +93,10 @@ def equal(one: DeepSamples, other: DeepSamples) -> None:
 @pytest.mark.parametrize(
     ("name", "held", "parts"),
     [
-        ("splats alone", 3, 0),
-        ("flat holdout", 3, 0),
-        ("rays and surfaces", 3, 0),
-        ("rays and surfaces", 0.5, 8),
+        ("splats alone", 15_000, 0),
+        ("flat holdout", 15_000, 0),
+        ("rays and surfaces", 15_000, 0),
+        ("rays and surfaces", 2_400, 8),
     ],
 )
 def test_how_much_fits_in_memory_does_not_change_a_picture(monkeypatch, name, held, parts) -> None:
@@ -106,21 +107,62 @@ def test_how_much_fits_in_memory_does_not_change_a_picture(monkeypatch, name, he
     options |= {"deep_error": 0.1, **SAMPLES}
     whole, count = drawn(case, **options)
     assert count == 1
-    monkeypatch.setattr(deep_merging, "HELD", held)
     beside, joined = deep_merging._beside, [0]
     monkeypatch.setattr(
         deep_merging, "_beside", lambda found: joined.append(len(found)) or beside(found)
     )
-    strips, count = drawn(case, band_pixels=32 * 150, **options)
+    strips, count = drawn(case, size=DeepSize(band_pixels=32 * 150, entries=held), **options)
     assert count >= 2 and max(joined) == parts
     equal(strips, whole)
 
 
-def test_a_row_with_too_many_samples_says_what_to_do(monkeypatch) -> None:
-    """Oracle: the sentence, once no part of a row fits."""
-    monkeypatch.setattr(deep_merging, "HELD", 1e-4)
-    with pytest.raises(UsageError, match=r"--deep: found more than .* expected fewer --samples, a"):
-        drawn(everything.CASES["rays"], **SAMPLES)
+@pytest.mark.parametrize(
+    ("entries", "said"),
+    [
+        (13, r"13 contributions to the pixel .* fewer --samples, or a larger --memory-limit"),
+        (700, r"700 samples in the row .* a larger --deep-error or --memory-limit, or fewer --sam"),
+    ],
+)
+def test_too_many_samples_say_what_to_do(entries, said) -> None:
+    """Oracle: the sentence, if no pixel of a row fits, or not the whole row; with the named cure,
+    the picture is drawn."""
+    case, window = everything.CASES["rays"], (40, 50, 120, 52)
+    with pytest.raises(UsageError, match=said):
+        drawn(case, size=DeepSize(entries=entries), window=window, **SAMPLES)
+    if entries > 13:
+        drawn(case, size=DeepSize(entries=entries), window=window, deep_error=0.1, **SAMPLES)
+    drawn(case, size=DeepSize(entries=60_000), window=window, **SAMPLES)
+
+
+def test_few_pixels_may_have_many_samples() -> None:
+    """Of a crop of four pixels. Oracle: the number of samples that they have, which is more than
+    usual ones of as many rows of tiles."""
+    size = DeepSize(band_pixels=2 * 16)
+    window = (75, 55, 77, 57)
+    deep, _ = drawn(everything.CASES["rays"], size=size, window=window, samples=512)
+    assert deep.counts.max() > 64 * 2 * 16
+
+
+def test_regions_grow_again_behind_dense_ones(monkeypatch) -> None:
+    """Oracle: heights and widths of the regions of a picture whose middle is dense; few of them
+    have too many contributions."""
+    tried: list[tuple[int, int, bool]] = []
+    region = deep_merging.merged_region
+
+    def noted(frame, camera, window, regions):
+        x0, y0, x1, y1 = window
+        tried.append((y1 - y0, x1 - x0, False))
+        found = region(frame, camera, window, regions)
+        tried[-1] = (*tried[-1][:2], True)
+        return found
+
+    monkeypatch.setattr(deep_merging, "merged_region", noted)
+    size = DeepSize(band_pixels=32 * 150, entries=8_000)
+    window = (0, -96, 150, 300)
+    drawn(everything.CASES["rays"], size=size, window=window, deep_error=0.1, **SAMPLES)
+    fits = [(rows, columns) for rows, columns, is_done in tried if is_done]
+    assert fits[0][1] == 150 and (32, 150) in fits[fits.index((1, 75)) :]
+    assert len(tried) - len(fits) <= 12
 
 
 def test_scene_and_time_are_those_of_the_frame_between_strips() -> None:
@@ -136,7 +178,7 @@ def test_scene_and_time_are_those_of_the_frame_between_strips() -> None:
         return scene, everything._moved(view, time)
 
     strips = Renderer(CpuDevice()).render_deep(
-        scene, view, settings_of(**SAMPLES), sampler=sampler, band_pixels=16 * 150
+        scene, view, settings_of(**SAMPLES), sampler=sampler, size=DeepSize(band_pixels=16 * 150)
     )
     for _ in range(3):
         next(strips)

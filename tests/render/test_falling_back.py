@@ -8,7 +8,7 @@ import pytest
 from tests.render.rendering import lens, random_cloud, scene_of, settings_of, view_of
 from usdsplat.core.errors import BackendError
 from usdsplat.kernels.device import CpuDevice
-from usdsplat.render import deep_merging
+from usdsplat.render.deep_memory import DeepSize
 from usdsplat.render.renderer import Renderer
 
 AOVS = ("color", "depth", "elementId")
@@ -60,15 +60,15 @@ def test_the_cpu_draws_what_is_still_to_come(launches) -> None:
 
 
 @pytest.mark.parametrize("launches", [0, 30, 150, 400])
-def test_the_cpu_merges_the_deep_samples_that_are_still_to_come(monkeypatch, launches) -> None:
+def test_the_cpu_merges_the_deep_samples_that_are_still_to_come(launches) -> None:
     """Where strips are as high as they fit. Oracle: the CPU's picture, bit for bit."""
-    monkeypatch.setattr(deep_merging, "HELD", 8)
     scene = scene_of((random_cloud(3), np.eye(4)))
     settings = settings_of(samples=5, sorting="rayHitDistance")
+    size = DeepSize(band_pixels=5000, entries=40_000)
 
     def deep(renderer):
         strips = list(
-            renderer.render_deep(scene, view_of(lens()), settings, ("primId",), band_pixels=5000)
+            renderer.render_deep(scene, view_of(lens()), settings, ("primId",), size=size)
         )
         ends = [y1 for _, y1, _ in strips]
         assert [y0 for y0, _, _ in strips] == [0, *ends[:-1]] and ends[-1] == 110

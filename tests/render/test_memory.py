@@ -13,11 +13,12 @@ from tests.images.test_deep import deep_picture, write_deep
 from tests.images.test_holdout import flat
 from tests.render import everything
 from tests.render.rendering import lens, random_cloud, scene_of, settings_of, view_of
+from usdsplat import images
 from usdsplat.images.holdout import open_holdout
 from usdsplat.images.holdout_nodes import STRIP
 from usdsplat.kernels import project
 from usdsplat.kernels.devices import open_device
-from usdsplat.render import memory
+from usdsplat.render import deep_memory, memory
 from usdsplat.render.buffers import Sizes
 from usdsplat.render.frame import DEEP_PIXELS
 from usdsplat.render.memory import PictureRequest
@@ -109,13 +110,22 @@ def test_ids_of_deep_samples_take_what_is_declared(settings):
     pixels = 64 * 256
     how = replace(SETTINGS, **settings)
     none, one, two = (needed(scene, deep=True, deep_ids=ids, settings=how) for ids in range(3))
-    merging = 8 * 64 if settings else 0
+    merging = 8 * 128 if settings else 0
     assert two.band - one.band == (24 * 48 + merging) * pixels
     assert one.splats - none.splats == two.splats - none.splats > 0
     plain = needed(scene, deep=True).band
     if "samples" in settings:
         # sums of the flat picture that a deep one is compared with, and entries
-        assert none.band - plain == (16 + 40 * 64) * pixels
+        assert none.band - plain == (16 + 40 * 128) * pixels
+
+
+def test_what_a_limit_leaves_is_for_contributions_that_are_merged():
+    """Oracle: bytes of a contribution and of the sample that it becomes, with an id: 40 + 8 and 80
+    + 24, and 32 for the beauty."""
+    for settings, each in ((SETTINGS, 152), (replace(SETTINGS, deep_color="beauty"), 184)):
+        assert deep_memory.entries_within(settings, 1, 10**9) == 10**9 // each
+        usual = deep_memory.deep_bytes(replace(settings, samples=2), 1)
+        assert usual == 128 * 48 + 48 * (each - 48)
 
 
 def check(renderer, scene, view, settings, request) -> None:
@@ -201,6 +211,39 @@ def test_a_holdout_takes_what_is_declared(tmp_path, kind):
         holdout.nodes * columns * (rows * memory.HOLDOUT_NODE + STRIP * memory.STRIP_NODE)
     )
     assert expected / 3 < peak < expected
+
+
+def test_a_crop_of_a_deep_holdout_takes_what_is_declared(tmp_path):
+    """Oracle: as above, of the crop's columns, and what two threads decode: four rows of 1,500
+    columns."""
+    rows, columns, crop = 64, 1500, (700, 732)
+    write_deep(tmp_path / "a.exr", deep_picture(rows, columns, most=20), merged=True)
+    holdout = open_holdout(tmp_path / "a.exr", resolution=(columns, rows))
+    before = images.thread_count()
+    images.limit_threads(2)
+    try:
+        tracemalloc.start()
+        kept = holdout.rows(crop[0], 0, crop[1], rows)
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+        images.limit_threads(before)
+    assert len(kept[0]) == 32 * rows + 1
+    expected = rows * 32 * memory.HOLDOUT_ROWS + int(
+        holdout.nodes * 32 * rows * (memory.HOLDOUT_NODE + memory.STRIP_NODE)
+    )
+    assert peak < expected + 4 * 1500 * 20 * 40
+
+
+@pytest.mark.parametrize("y0", [0, -8, 5])
+def test_a_band_is_the_highest_of_the_picture(scene, y0):
+    """Where the first and the last are lower. Oracle: the bands."""
+    view = View(camera=VIEW.camera, framing=Framing(resolution=SIZE, data_window=(0, y0, 256, 200)))
+    found = memory.estimate(
+        scene, view, SETTINGS, PictureRequest(deep=True), band_pixels=64 * 256, threads=2
+    )
+    assert found.rows == 64
+    assert found.band == pytest.approx(needed(scene, deep=True).band, rel=0.02)
 
 
 def test_the_nodes_of_a_holdout_take_memory(scene):

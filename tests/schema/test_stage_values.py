@@ -16,6 +16,7 @@ from usdsplat.schema.stage_values import (
     local_to_world,
     local_transform,
     may_move,
+    missing_ops,
     op_names,
     ordered_ops,
     parent_to_world,
@@ -84,7 +85,8 @@ def test_ops_without_a_meaning_or_an_attribute_are_found() -> None:
     prim.AddTranslateOp()
     order = ["!resetXformStack!", "xformOp:translate", "!invert!xformOp:translate"]
     prim.GetXformOpOrderAttr().Set([*order, "xformOp:scale", "xformOp:bogus", "rubbish"])
-    assert list(unknown_ops(prim.GetPrim())) == ["xformOp:scale", "xformOp:bogus", "rubbish"]
+    assert list(unknown_ops(prim.GetPrim())) == ["xformOp:bogus", "rubbish"]
+    assert list(missing_ops(prim.GetPrim())) == ["xformOp:scale"]
 
 
 @pytest.mark.parametrize(("authored", "axis"), [("Y", "Y"), ("Z", "Z"), ("X", "Y"), ("", "Y")])

@@ -29,6 +29,9 @@ a later frame have its time code.
   finding that comes after the result is written.
 - `-q` prints only findings that are errors, `-v` adds the cure of each finding, and messages of
   USD and other libraries.
+- What a command cannot go on from, such as the requested camera if it forms no image, is no
+  finding there but the error that ends it: one sentence without a code on stderr, status 2, with or
+  without `--strict` and `--json`. `validate` reports it as a finding.
 - Roughness, index of refraction, clearcoat and normal maps are no findings: surfaces are diffuse,
   so nearly every asset would have some.
 - Codes of splat fields are also the names of the UsdValidation errors of our validators, in

@@ -24,13 +24,14 @@ from usdsplat.delegate.render_param import RenderParam
 from usdsplat.delegate.scene_delegate import Stage, UsdSceneDelegate, find_products
 from usdsplat.delegate.stage_info import StageInfo
 from usdsplat.delegate.time_sampler import other_times
-from usdsplat.render.band import Band
+from usdsplat.render.band import BAND_PIXELS, Band
 from usdsplat.render.cost import Work
+from usdsplat.render.deep_memory import USUAL_SIZE, DeepSize
 from usdsplat.render.deep_samples import DeepSamples
 from usdsplat.render.frame_stats import FrameStats
 from usdsplat.render.lod.memory import estimate
 from usdsplat.render.memory import COLOR_ALONE, Estimate, PictureRequest
-from usdsplat.render.renderer import BAND_PIXELS, ReadHoldout, TimeSampler, depends_on_time
+from usdsplat.render.renderer import ReadHoldout, TimeSampler, depends_on_time
 from usdsplat.render.scene import RenderScene
 from usdsplat.render.settings import RenderSettings
 from usdsplat.render.specs import CameraSpec, Framing, View
@@ -281,7 +282,7 @@ class Engine:
         aovs: tuple[str, ...] = (),
         *,
         holdout: ReadHoldout | None = None,
-        band_pixels: int = BAND_PIXELS,
+        size: DeepSize = USUAL_SIZE,
     ) -> Iterator[tuple[int, int, DeepSamples]]:
         """Return all contributions to every pixel, in strips of a band: (y0, y1, samples).
 
@@ -295,8 +296,7 @@ class Engine:
         how = self._resolved(settings)
         sampler = self._times(view, how, ())
         return self._drawer.renderer.render_deep(
-            self._param.scene, view, how, aovs, sampler=sampler, holdout=holdout,
-            band_pixels=band_pixels,
+            self._param.scene, view, how, aovs, sampler=sampler, holdout=holdout, size=size,
         )  # fmt: skip
 
     def picture(

@@ -24,6 +24,8 @@ class ProductSpec:
     """Path of the camera; empty if neither prim names one."""
     framing: Framing
     settings: RenderSettings
+    own: tuple[str, ...] = ()
+    """Names of the values of `settings` that the product itself authors."""
     aovs: tuple[str, ...] = ("color",)
     """Our AOV names, in the order of `orderedVars`."""
     pixel_types: tuple[tuple[str, PixelType], ...] = ()

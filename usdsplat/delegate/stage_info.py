@@ -24,3 +24,5 @@ class StageInfo:
     """Paths of all prims that can be drawn, hidden ones too, sorted. They do not depend on time,
     visibility and purposes: an index in them identifies a prim over a sequence, and between
     runs."""
+    assets: tuple[str, ...]
+    """Paths of the assets of these prims, see `InstanceSpec.asset`, sorted."""

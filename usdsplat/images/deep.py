@@ -35,7 +35,7 @@ from usdsplat.core.output import output_file
 from usdsplat.images import thread_count
 from usdsplat.images.color import color_space
 from usdsplat.images.compression import Compression
-from usdsplat.images.deep_aovs import id_channels, meanings
+from usdsplat.images.deep_aovs import deep_channels, id_channels, meanings
 from usdsplat.images.exr_bytes import (
     DEEP,
     NONE,
@@ -216,9 +216,7 @@ class DeepWriter:
 
     def _header(self) -> bytes:
         layout = self._layout
-        channels = dict.fromkeys("ABGR", self._color)
-        channels |= dict.fromkeys(("Z", "ZBack")[: 1 + self._merged], np.dtype("<f4"))
-        channels |= self._ids
+        channels = deep_channels(layout.aovs, self._color, merged=self._merged)
         space = color_space(layout.color_space)
         labels: dict[str, Entry] = {
             "screenWindowCenter": (0.0, 0.0),

@@ -8,6 +8,7 @@ and there are no further layers.
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 
 from usdsplat.images.aovs import AOVS
 from usdsplat.images.exr_bytes import Channels
@@ -26,7 +27,9 @@ CRYPTOMATTE = "Cryptomatte of the sample: R = hash of its name, G = its opacity,
 CRYPTOMATTES = ("cryptoObject",)
 """Cryptomattes of deep pictures: those whose name follows from a sample's prim."""
 DEEP_AOVS = tuple(name for name in AOVS if name in MEANINGS or name in CRYPTOMATTES)
-"""AOVs that a deep picture can have. It always has color and Z."""
+"""AOVs that a deep picture can have."""
+ALWAYS = ("color", "Z")
+"""AOVs that every deep picture has."""
 
 
 def id_channels(aovs: tuple[str, ...]) -> Channels:
@@ -40,7 +43,22 @@ def id_channels(aovs: tuple[str, ...]) -> Channels:
     return dict(sorted(found.items()))
 
 
+def deep_channels(
+    aovs: tuple[str, ...], color: npt.DTypeLike = np.float16, *, merged: bool
+) -> Channels:
+    """Return the channels of a file with these AOVs.
+
+    Args:
+        aovs: AOVs beside color and Z, which every file has.
+        color: Type of the colour and of the opacity.
+        merged: Whether samples have a ZBack.
+    """
+    channels: Channels = dict.fromkeys("ABGR", np.dtype(color))
+    channels |= dict.fromkeys(("Z", "ZBack")[: 1 + merged], np.dtype("<f4"))
+    return channels | id_channels(aovs)
+
+
 def meanings(aovs: tuple[str, ...]) -> dict[str, str]:
     """Return the header entries that describe AOVs; color and Z are always described."""
-    names = dict.fromkeys(("color", "Z", *aovs))
+    names = dict.fromkeys((*ALWAYS, *aovs))
     return {f"usdsplat:aov:{name}": MEANINGS.get(name, CRYPTOMATTE) for name in names}

@@ -12,6 +12,7 @@ Source: OpenEXR's "File Layout".
 from __future__ import annotations
 
 import struct
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import islice
@@ -39,6 +40,10 @@ from usdsplat.images.exr_bytes import (
 )
 
 I64 = npt.NDArray[np.int64]
+
+LARGEST = {NONE: 1, RLE: 64, ZIPS: 1032}
+"""Largest ratio of decompressed to compressed bytes, by compression: a run of 128 bytes takes two,
+and 1032 is the limit of deflate."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -113,34 +118,44 @@ class DeepFile:
         """Close the file."""
         self._file.close()
 
-    def rows(self, y0: int, y1: int, names: tuple[str, ...]) -> tuple[I64, dict[str, F32]]:
-        """Read the samples of whole rows of the data window.
+    def rows(
+        self,
+        y0: int,
+        y1: int,
+        names: tuple[str, ...],
+        *,
+        columns: tuple[int, int] | None = None,
+    ) -> tuple[I64, dict[str, F32]]:
+        """Read the samples of some rows of the data window.
 
         Args:
             y0: First row [pixel].
             y1: The row after the last; both within `window`.
             names: Channels to read; those that the file lacks are omitted.
+            columns: First column and the one after the last, within `window`; None for all. Of
+                other columns, only what is decoded at the same time is held.
 
         Returns:
-            Offsets of the samples of each pixel, shape (rows * width + 1,); and values by channel,
-            shape (n,).
+            Offsets of the samples of each pixel, shape (rows * columns + 1,); and values by
+            channel, shape (n,).
 
         Raises:
             FormatError: If the file is damaged.
         """
         names = tuple(name for name in names if name in self._channels)
-        height, top = self._tile[1], self.window[1]
+        (width, height), (left, top, right, _) = self._tile, self.window
+        begin, end = columns or (left, right)
         bands = range((y0 - top) // height, -(-(y1 - top) // height))
-        chunks = [self._chunk(column, band) for band in bands for column in range(self._across)]
-        with ThreadPoolExecutor(thread_count()) as pool:
-            unpacked_tiles = pool.map(lambda chunk: self._lines(chunk, names), chunks)
+        across = range((begin - left) // width, -(-(end - left) // width))
+        places = [(column, band) for band in bands for column in across]
+        unpacked_tiles = self._unpacked(places, names, (begin, end))
         lines: list[_Line] = []
         for band in bands:
-            tiles = list(islice(unpacked_tiles, self._across))
+            tiles = list(islice(unpacked_tiles, len(across)))
             first = top + band * height
             for i in range(max(0, y0 - first), min(len(tiles[0]), y1 - first)):
                 lines.extend(lines_of[i] for lines_of in tiles)
-        offsets = np.zeros((y1 - y0) * (self.window[2] - self.window[0]) + 1, np.int64)
+        offsets = np.zeros((y1 - y0) * (end - begin) + 1, np.int64)
         np.cumsum(np.concatenate([line.counts for line in lines]), out=offsets[1:])
         return offsets, {
             name: np.concatenate([line.values[name] for line in lines]) for name in names
@@ -211,7 +226,25 @@ class DeepFile:
         place = f"<{len(expected)}i"
         if struct.unpack(place, read_exactly(file, 4 * len(expected), where)) != expected:
             raise FormatError(where, "a chunk with wrong coordinates", "a complete EXR file")
-        return struct.unpack("<QQQ", read_exactly(file, 24, where))
+        sizes = struct.unpack("<QQQ", read_exactly(file, 24, where))
+        if sizes[2] > min(sizes[1], self._size) * LARGEST[self._compression]:
+            raise FormatError(where, "invalid sample counts", "a complete EXR file")
+        return sizes
+
+    def _unpacked(
+        self, places: list[tuple[int, int]], names: tuple[str, ...], columns: tuple[int, int]
+    ) -> Iterator[list[_Line]]:
+        """Yield the rows of tiles, a few of which are read and decoded at a time.
+
+        Args:
+            places: Column and row of each tile.
+            columns: See `rows`.
+        """
+        threads = thread_count()
+        with ThreadPoolExecutor(threads) as pool:
+            for first in range(0, len(places), 2 * threads):
+                chunks = [self._chunk(*place) for place in places[first : first + 2 * threads]]
+                yield from pool.map(lambda chunk: self._lines(chunk, names, columns), chunks)
 
     def _chunk(self, column: int, band: int) -> _Chunk:
         """Read a tile; a row of a scanline file is a tile of the window's width."""
@@ -221,10 +254,17 @@ class DeepFile:
         height = min(self._tile[1], y1 - y0 - band * self._tile[1])
         table_size, packed_size, size = self._sizes(column, band)
         table = read_exactly(file, table_size, where)
-        return _Chunk((height, width), table, read_exactly(file, packed_size, where), size)
+        left = x0 + column * self._tile[0]
+        return _Chunk((height, width), left, table, read_exactly(file, packed_size, where), size)
 
-    def _lines(self, chunk: _Chunk, names: tuple[str, ...]) -> list[_Line]:
-        """Decode a chunk: row by row, and in each row channel by channel."""
+    def _lines(
+        self, chunk: _Chunk, names: tuple[str, ...], columns: tuple[int, int]
+    ) -> list[_Line]:
+        """Decode a chunk: row by row, and in each row channel by channel.
+
+        Args:
+            columns: See `rows`.
+        """
         where = self._where
         height, width = chunk.shape
         wanted = 4 * width * height
@@ -238,14 +278,16 @@ class DeepFile:
         raw = unpacked(chunk.samples, chunk.size, self._compression, where)
         found = []
         at = 0
+        begin, end = max(columns[0] - chunk.left, 0), min(columns[1] - chunk.left, width)
         for row in counts:
-            n = int(row.sum())
+            n, skipped, kept = (int(part.sum()) for part in (row, row[:begin], row[begin:end]))
             channels = {}
             for name, dtype in self._channels.items():
                 if name in names:
-                    channels[name] = np.frombuffer(raw, dtype, n, at).astype(np.float32)
+                    some = np.frombuffer(raw, dtype, kept, at + skipped * dtype.itemsize)
+                    channels[name] = some.astype(np.float32)
                 at += n * dtype.itemsize
-            found.append(_Line(row, channels))
+            found.append(_Line(row[begin:end], channels))
         return found
 
 
@@ -255,6 +297,8 @@ class _Chunk:
 
     shape: tuple[int, int]
     """Number of rows and columns."""
+    left: int
+    """First column [pixel]."""
     table: bytes
     samples: bytes
     size: int

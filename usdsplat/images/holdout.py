@@ -57,7 +57,8 @@ def open_holdout(path: Path | str, *, resolution: tuple[int, int]) -> Holdout:
 
     In a flat picture the channel is Z, depth.Z or depth, or that of another layer ("x.Z"). If the
     same part has A, a pixel lets 1 - A through; depths that are not above 0 are ignored.
-    A deep sample with a ZBack attenuates within its extent, see `holdout_nodes`.
+    A deep sample with a ZBack attenuates within its extent, see `holdout_nodes`. Nothing at or
+    behind the camera hides anything: of a deep sample that begins there, the part in front does.
 
     Args:
         path: An EXR file.
@@ -216,19 +217,33 @@ class _Deep(Holdout):
         left, top, right, bottom = self._window
         counts = np.zeros((y1 - y0, x1 - x0), np.int64)
         first, last = max(y0, top), min(y1, bottom)
-        columns = slice(max(x0, left), max(min(x1, right), max(x0, left)))
+        begin, end = max(x0, left), min(x1, right)
         front = back = alpha = np.zeros(0, np.float32)
-        if first < last and columns.start < columns.stop:
+        if first < last and begin < end:
             with DeepFile(self._where) as file:
-                offsets, values = file.rows(first, last, ("Z", "ZBack", "A"))
-            there = np.diff(offsets).reshape(last - first, right - left)
-            is_wanted = np.zeros(there.shape, np.bool_)
-            is_wanted[:, columns.start - left : columns.stop - left] = True
-            target = counts[first - y0 : last - y0, columns.start - x0 : columns.stop - x0]
-            target[:] = there[is_wanted].reshape(target.shape)
-            is_wanted_sample = np.repeat(is_wanted.ravel(), there.ravel())
-            names = "Z", "ZBack" if "ZBack" in values else "Z", "A"
-            front, back, alpha = (values[name][is_wanted_sample] for name in names)
+                names = "Z", "ZBack", "A"
+                offsets, values = file.rows(first, last, names, columns=(begin, end))
+            there = counts[first - y0 : last - y0, begin - x0 : end - x0]
+            there[:] = np.diff(offsets).reshape(there.shape)
+            front, alpha = values["Z"], values["A"]
+            back = values.get("ZBack", front)
         starts = np.zeros(counts.size + 1, np.int64)
         np.cumsum(counts, out=starts[1:])
-        return nodes_of(starts, front, back, alpha)
+        return nodes_of(starts, *_in_front(front, back, alpha))
+
+
+def _in_front(front: F32, back: F32, alpha: F32) -> tuple[F32, F32, F32]:
+    """Return the parts of deep samples in front of the camera: split at depth 0 by OpenEXR's rule.
+    Samples without such a part get an opacity of 0."""
+    starts_behind = np.isfinite(front) & (front <= 0)
+    if not starts_behind.any():
+        return front, back, alpha
+    reaches = starts_behind & np.isfinite(back) & (back > 0)
+    front, alpha = front.copy(), alpha.copy()
+    alpha[starts_behind & ~reaches] = 0
+    near, far = front[reaches].astype(np.float64), back[reaches].astype(np.float64)
+    with np.errstate(divide="ignore"):  # an opaque sample remains opaque
+        density = np.log1p(-np.clip(alpha[reaches], 0, 1).astype(np.float64))
+    alpha[reaches] = -np.expm1(density * (far / (far - near)))
+    front[reaches] = 0
+    return front, back, alpha

@@ -36,9 +36,9 @@ def nodes_of(offsets: I64, front: F32, back: F32, alpha: F32) -> HoldoutNodes:
         alpha: Opacities; NaN has no effect, others are clamped to 0..1.
     """
     pixel = np.repeat(np.arange(len(offsets) - 1), np.diff(offsets))
-    counts = np.isfinite(front) & (alpha > 0)
-    pixel, front, back = pixel[counts], front[counts], back[counts]
-    alpha = np.minimum(alpha[counts], 1)
+    acts = np.isfinite(front) & (alpha > 0)
+    pixel, front, back = pixel[acts], front[acts], back[acts]
+    alpha = np.minimum(alpha[acts], 1)
     # An opaque sample hides everything behind its front, whatever its extent.
     is_step = ~(np.isfinite(back) & (back > front)) | (alpha == 1)
     depth = np.stack([front, np.where(is_step, front, back)], axis=1).ravel()

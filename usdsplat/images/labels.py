@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import platform
 from fractions import Fraction
 
@@ -11,6 +12,7 @@ from usdsplat.core.source_date import source_date
 from usdsplat.core.text import shown
 from usdsplat.images.layout import Entry, Metadata
 from usdsplat.images.timecode import (
+    NEAR,
     Timecode,
     exact_rate,
     frame_count,
@@ -90,7 +92,7 @@ def timecode_offset(start: str, *, first: float, rate: float, per_second: float)
     if number is None or count is None:
         found = f"{start} at {rate:g} frames per second"
         raise UsageError(where, found, "a time code of the stage's framesPerSecond")
-    return number - round(count)
+    return number - math.floor(count + NEAR)  # as `timecode_of` counts
 
 
 def origin_metadata(source: str) -> Metadata:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -27,7 +27,8 @@ ALIASES = {
     "rec709": "srgb_rec709_scene",
 }
 """Names of spaces in files and OpenImageIO, in lower case -> our names."""
-
+NEAR = 1e-3
+"""Largest difference of chromaticities that are those of a space: files round them differently."""
 
 SpaceSource = Literal["given", "file", "format", "assumed"]
 """The caller, the file itself, what OpenImageIO assumes for its format, or its pixel type alone."""
@@ -89,19 +90,32 @@ def read_plate(path: Path, *, space: str | None = None) -> Plate:
     return Plate(rgb=rgb, usable=usable, space=space, space_source=source)
 
 
-def _space(spec: object, is_float: bool) -> tuple[str, SpaceSource]:
+def _space(spec: Any, is_float: bool) -> tuple[str, SpaceSource]:
     """Return the colour space of a file and where it is from.
 
     In a file of integers, an entry colorInteropID may be left over from the EXR that it was made
     from: what its format states goes first.
     """
     sources: list[tuple[str, SpaceSource]] = [
-        ("colorInteropID", "file"),
-        ("oiio:ColorSpace", "format"),
+        (str(spec.getattribute("colorInteropID") or ""), "file"),
+        (str(spec.getattribute("oiio:ColorSpace") or ""), "format"),
     ]
-    for key, source in sources if is_float else reversed(sources):
-        name = str(spec.getattribute(key) or "")  # type: ignore[attr-defined]
-        name = ALIASES.get(name.lower(), name)
+    if is_float:
+        sources.insert(1, (_with_primaries(spec.getattribute("chromaticities")), "file"))
+    for text, source in sources if is_float else reversed(sources):
+        name = ALIASES.get(text.lower(), text)
         if name in COLOR_SPACES:
             return name, source
     return ("lin_rec709_scene" if is_float else "srgb_rec709_scene"), "assumed"
+
+
+def _with_primaries(found: object) -> str:
+    """Return the linear space with the chromaticities of a header, eight numbers; "" if there is
+    none."""
+    if not isinstance(found, tuple) or len(found) != 8:
+        return ""
+    for name, space in COLOR_SPACES.items():
+        primaries = space.chromaticities
+        if space.gamma == 1.0 and primaries and np.allclose(found, primaries, atol=NEAR):
+            return name
+    return ""

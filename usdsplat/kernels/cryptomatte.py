@@ -11,9 +11,9 @@ import numpy as np
 from .jit import scalar
 from .launch import kernel
 
-SLOTS = 2
-"""Number of accumulated prims of a pixel for each prim of a sample: the first ones of the picture
-are not always the first ones of a sample."""
+SLOTS_PER_PRIM = 2
+"""Accumulated prims per kept prim of one sample. The prims with the largest weights in the picture
+are not always those of one sample."""
 
 
 # --- 1. mathematics: one pixel ---------------------------------------------------------

@@ -20,7 +20,7 @@ from .lanes import choose, load, lowest_bit, ramp, size, store
 from .ray_hit import CENTER, GX, GY, HX, HY, HZ, REACH, row_at
 
 RANKS = 6
-"""Prims of a pixel that are kept at least, if a file needs fewer."""
+"""Minimum number of prims kept for a pixel."""
 NONE = np.int32(-1)
 
 

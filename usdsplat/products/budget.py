@@ -11,9 +11,11 @@ from usdsplat.images.aovs import AOVS
 from usdsplat.kernels.bins import TILE
 from usdsplat.products.deep_ids import deep_ids
 from usdsplat.products.request import PicturePlan
+from usdsplat.render.band import BAND_PIXELS
+from usdsplat.render.deep_memory import deep_bytes, entries_within
+from usdsplat.render.deep_merging import ENTRIES
 from usdsplat.render.frame import DEEP_PIXELS
 from usdsplat.render.memory import Estimate, PictureRequest, fitting
-from usdsplat.render.renderer import BAND_PIXELS
 from usdsplat.render.specs import View
 
 TALLER = 4
@@ -29,6 +31,8 @@ class Budget:
 
     band_pixels: int
     """See `Engine.render`."""
+    deep_entries: int = ENTRIES
+    """See `DeepSize`."""
     estimate: Estimate
 
     def sentence(self) -> str:
@@ -86,4 +90,10 @@ def budget(
             f"{said_bytes(estimate.total)} or more for {width}x{y1 - y0} pixels of this scene"
         )
         raise UsageError("--memory-limit", said_bytes(limit), expected)
-    return Budget(band_pixels=tiles * TILE * width, estimate=estimate)
+    # The memory that the rest of a deep picture leaves is for contributions that are merged.
+    entries = ENTRIES
+    if plan.deep:
+        ids = request.deep_ids
+        size = estimate.rows * width * deep_bytes(plan.settings, ids) + limit - estimate.total
+        entries = entries_within(plan.settings, ids, size)
+    return Budget(band_pixels=tiles * TILE * width, deep_entries=entries, estimate=estimate)

@@ -15,6 +15,7 @@ from usdsplat.products.deep_ids import DeepIds, deep_ids
 from usdsplat.products.flat_rows import FlatRows
 from usdsplat.products.flattening import flattened
 from usdsplat.products.picture_file import PictureFile, RowsWritten
+from usdsplat.render.deep_memory import DeepSize
 
 
 @dataclass(slots=True)
@@ -28,6 +29,8 @@ class DeepReport:
     pixels: int = 0
     bytes: int = 0
     compared: bool = False
+    blend_space: str = "auto"
+    """`RenderSettings.blend_space` of the flat picture."""
     squares: float = 0.0
     """Sum of squared differences over red, green and blue of all pixels."""
     worst: float = 0.0
@@ -53,19 +56,19 @@ def draw_deep(engine: Engine, file: PictureFile, *, rows_written: RowsWritten) -
         OutputError: If the file cannot be written.
     """
     plan, view, settings = file.plan, file.view, file.plan.settings
-    report = DeepReport(compared=plan.compare)
+    report = DeepReport(compared=plan.compare, blend_space=settings.blend_space)
     bands = engine.render_deep(
         view,
         settings,
         deep_ids(plan.aovs),
         holdout=file.holdout,
-        band_pixels=file.band_pixels,
+        size=DeepSize(band_pixels=file.band_pixels, entries=file.deep_entries),
     )
     flat = None
     if plan.needs_flat:
-        trained = replace(settings, color_mode="scene", blend_space="auto")
+        in_scene = replace(settings, color_mode="scene")
         flat = FlatRows(
-            engine.render(view, trained, holdout=file.holdout, band_pixels=file.band_pixels)
+            engine.render(view, in_scene, holdout=file.holdout, band_pixels=file.band_pixels)
         )
     layout, scales = file.layout, settings.deep_color == "beauty"
     stored = np.float32 if layout.pixel_type == "float" else np.float16

@@ -29,9 +29,9 @@ LEAST = 1e-6
 def scaled_to(samples: DeepSamples, beauty: F32, dtype: npt.DTypeLike) -> DeepSamples:
     """Return samples that flatten to the colour of `beauty`, with the same opacities.
 
-    Each channel of a pixel is multiplied by a factor. Where that cannot give the beauty, because
-    nothing or almost nothing is there to scale, samples also get a colour that is constant in the
-    pixel, by their opacities.
+    Each channel of a pixel is multiplied by a factor. Where the samples are black or almost so, no
+    factor gives the beauty. The colour that is missing is then added to all samples of the pixel,
+    by their opacities.
 
     Args:
         samples: The samples.

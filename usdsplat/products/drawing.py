@@ -16,13 +16,14 @@ from usdsplat.core.output import Existing
 from usdsplat.core.progress import Progress, silent
 from usdsplat.core.wording import counted
 from usdsplat.delegate.engine import Engine
+from usdsplat.images.deep_aovs import ALWAYS
 from usdsplat.products import remarks
 from usdsplat.products.budget import WORTH_SAYING, Budget, budget
 from usdsplat.products.cancel import Cancelled, CancelToken
 from usdsplat.products.deep import DeepReport, draw_deep
 from usdsplat.products.existing import difference
 from usdsplat.products.flat import draw_flat
-from usdsplat.products.header import Origin, labelled_layout
+from usdsplat.products.header import Origin, labelled_layout, stage_hash
 from usdsplat.products.holdouts import check_file, holdout_of, lacking_depth
 from usdsplat.products.picture_file import PictureFile, RowsWritten
 from usdsplat.products.preflight import findings_of, go_to, of_picture
@@ -122,7 +123,7 @@ def draw_frames(
     """
     cancel = cancel or CancelToken()
     findings = Findings() if findings is None else findings
-    jobs = _jobs(plans, frames, options.existing, findings)
+    jobs = _jobs(engine, plans, frames, options.existing, findings)
     engine.expect(work_of(plans, frames))
     said = engine.remark
     if said:
@@ -164,6 +165,7 @@ def draw_frames(
             layout=labelled_layout(engine, plan, view, origin=origin),
             holdout=None if holdout is None else holdout.rows,
             band_pixels=budgets[plan].band_pixels,
+            deep_entries=budgets[plan].deep_entries,
         )
         try:
             cancel.check()
@@ -187,7 +189,7 @@ def draw_frames(
             frame=frame,
             product=plan.product or None,
             camera=view.camera.path or None,
-            aovs=tuple(dict.fromkeys(("color", "Z", *plan.aovs))) if plan.deep else plan.aovs,
+            aovs=tuple(dict.fromkeys((*ALWAYS, *plan.aovs))) if plan.deep else plan.aovs,
             device=engine.device,
             resolution=view.framing.resolution,
             splats=stats.splats,
@@ -278,7 +280,11 @@ def files_of(plans: Sequence[PicturePlan], frames: Sequence[float]) -> list[tupl
 
 
 def _jobs(
-    plans: Sequence[PicturePlan], frames: Sequence[float], existing: Existing, findings: Findings
+    engine: Engine,
+    plans: Sequence[PicturePlan],
+    frames: Sequence[float],
+    existing: Existing,
+    findings: Findings,
 ) -> list[_Job]:
     """Return the pictures to draw with their files, frame by frame."""
     names = files_of(plans, frames)
@@ -294,9 +300,9 @@ def _jobs(
         if there is not None:
             raise OutputError(str(there), "a file", "a new name")
         return jobs
-    left = []
+    left, current = [], stage_hash(engine)
     for plan, frame, path in jobs:
-        found = difference(plan, frame, path) if path.exists() else ""
+        found = difference(plan, frame, path, stage_hash=current) if path.exists() else ""
         if found:
             findings.say(f"{path}: found {found}; it is drawn again")
         if found or not path.exists():

@@ -9,6 +9,7 @@ import OpenImageIO as oiio
 
 from usdsplat.core.readable import readable
 from usdsplat.images.aovs import find_aovs
+from usdsplat.images.deep_aovs import deep_channels
 from usdsplat.images.layout import ImageLayout
 from usdsplat.images.png import is_whole_png
 from usdsplat.images.whole_exr import is_whole_exr
@@ -16,16 +17,17 @@ from usdsplat.products.header import layout_of
 from usdsplat.products.request import PicturePlan
 
 
-def difference(plan: PicturePlan, frame: float, path: Path) -> str:
+def difference(plan: PicturePlan, frame: float, path: Path, *, stage_hash: str) -> str:
     """Return how an existing picture differs from a plan; "" if it need not be drawn again.
 
-    The file must be complete. Resolution, data window, channels, frame and samples are compared;
-    no pixel is read, and neither the stage nor other settings are compared.
+    The file must be complete. Resolution, data window, channels, frame, samples and, in an EXR, the
+    hash of the stage's files are compared. No pixel is read, and other settings are not compared.
 
     Args:
         plan: The picture.
         frame: Time code.
         path: The existing file.
+        stage_hash: Result of `source_hash` for the files of the stage; "" compares none.
     """
     if not path.is_file():
         return "something that is not a plain file"
@@ -41,6 +43,9 @@ def difference(plan: PicturePlan, frame: float, path: Path) -> str:
             specs.append(file.spec().copy())
     finally:
         file.close()
+    found = specs[0].getattribute("usdsplat:stageHash")
+    if stage_hash and found and found != stage_hash:
+        return "a picture of another version of the stage's files"
     return _differing(specs, plan, layout_of(plan), frame, is_png=is_png)
 
 
@@ -64,14 +69,15 @@ def _differing(
         return "a picture with another data window"
     if bool(first.deep) != plan.deep:
         return "a deep picture" if first.deep else "a flat picture"
-    if not (is_png or plan.deep):
-        wanted = {name for aov in find_aovs(layout.aovs) for name in aov.channels}
+    if not is_png:
+        if plan.deep:
+            wanted = set(deep_channels(layout.aovs, merged=plan.settings.deep_error > 0))
+        else:
+            aovs = (aov.with_rank(layout.crypto_rank) for aov in find_aovs(layout.aovs))
+            wanted = {name for aov in aovs for name in aov.channels}
         if {name for spec in specs for name in spec.channelnames} != wanted:
             return "a picture with other channels"
-    for key, value in {
-        "frame": frame,
-        "samples": 1 if plan.deep else plan.settings.samples,
-    }.items():
+    for key, value in {"frame": frame, "samples": plan.settings.samples}.items():
         found = first.getattribute(f"usdsplat:{key}")
         if found is None or np.float32(found) != np.float32(value):  # as an EXR has it
             return f"a picture with {'no' if found is None else 'another'} {key} in its header"

@@ -22,11 +22,12 @@ class FlatRows:
         self._left: F32 | None = None
 
     def take(self, count: int) -> F32:
-        """Return the next `count` rows, shape (count, w, 4)."""
+        """Return the next `count` rows, shape (count, w, 4). They are valid until the next call."""
         parts: list[F32] = []
         while count > 0:
             rows = next(self._bands).arrays["color"] if self._left is None else self._left
-            parts.append(rows[:count])
+            # The next band has the same memory.
+            parts.append(rows[:count] if len(rows) >= count else rows.copy())
             self._left = rows[count:] if len(rows) > count else None
             count -= len(parts[-1])
         return parts[0] if len(parts) == 1 else np.concatenate(parts)

@@ -103,6 +103,12 @@ def _empty_depth(plan: PicturePlan, view: View) -> float:
     ]
 
 
+def stage_hash(engine: Engine) -> str:
+    """Return the hash of the files of the engine's stage, as in headers; "" if there is none."""
+    info = engine.stage_info()
+    return source_hash(info.files, info.clips)
+
+
 def picture_header(engine: Engine, plan: PicturePlan, view: View, *, origin: Origin) -> Metadata:
     """Return all entries of a picture's header. For arguments see `labelled_layout`."""
     window, _ = conform(view.camera.window, view.framing)
@@ -121,7 +127,7 @@ def picture_header(engine: Engine, plan: PicturePlan, view: View, *, origin: Ori
             shutter=view.camera.shutter,
             offset=start_offset(plan.settings, info),
         ),
-        **origin_metadata(source_hash(info.files, info.clips)),
+        **origin_metadata(stage_hash(engine)),
         **picture_metadata(
             stage=origin.stage,
             frame=origin.frame,
@@ -137,9 +143,18 @@ def picture_header(engine: Engine, plan: PicturePlan, view: View, *, origin: Ori
         entries["usdsplat:ids"] = json.dumps(info.prims)
     for layer in cryptomatte.LAYERS:
         if layer in plan.aovs:
-            groups = engine.render_scene.matte_groups(layer)
-            entries |= cryptomatte.metadata(layer, groups.names)
+            entries |= cryptomatte.metadata(layer, _matte_names(engine, layer, info))
     return entries
+
+
+def _matte_names(engine: Engine, layer: str, info: StageInfo) -> tuple[str, ...]:
+    """Return the names of a manifest. What is hidden at the frame may be visible at another time of
+    the shutter, and a manifest that all frames share is simpler to use."""
+    if layer == "cryptoObject":
+        return info.prims
+    if layer == "cryptoAsset":
+        return info.assets
+    return engine.render_scene.matte_groups(layer).names
 
 
 def start_offset(settings: RenderSettings, info: StageInfo) -> int:

@@ -8,8 +8,9 @@ from pathlib import Path
 
 from usdsplat.images.layout import ImageLayout
 from usdsplat.products.request import PicturePlan
+from usdsplat.render.band import BAND_PIXELS
+from usdsplat.render.deep_merging import ENTRIES
 from usdsplat.render.occluders import ReadHoldout
-from usdsplat.render.renderer import BAND_PIXELS
 from usdsplat.render.specs import View
 
 RowsWritten = Callable[[int], None]
@@ -30,3 +31,5 @@ class PictureFile:
     """External holdout, see `Engine.render`."""
     band_pixels: int = BAND_PIXELS
     """See `Engine.render`."""
+    deep_entries: int = ENTRIES
+    """See `DeepSize`."""

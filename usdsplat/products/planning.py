@@ -14,7 +14,7 @@ from usdsplat.delegate.product import ProductSpec
 from usdsplat.images import COLOR_MODES, default_color_mode, open_writer
 from usdsplat.images.aovs import find_aovs
 from usdsplat.images.compression import DEEP_COMPRESSIONS
-from usdsplat.images.deep_aovs import DEEP_AOVS
+from usdsplat.images.deep_aovs import ALWAYS, DEEP_AOVS
 from usdsplat.images.frame_numbers import FileName, frame_path
 from usdsplat.images.layout import PixelType
 from usdsplat.products import remarks
@@ -59,7 +59,11 @@ def plan_pictures(engine: Engine, request: RenderRequest) -> tuple[PicturePlan, 
         products = products[:1]
     pictures = tuple(plan_product(engine, request, product) for product in products)
     pictures = pictures or (plan_default(engine, request, camera),)
-    return pictures
+    if any(picture.deep for picture in pictures):
+        return pictures
+    first = pictures[0]
+    unused = remarks.only_for_deep(NO_PRODUCT, first.settings, request.settings)
+    return replace(first, findings=(*first.findings, *unused)), *pictures[1:]
 
 
 def plan_default(engine: Engine, request: RenderRequest, camera: str | None = None) -> PicturePlan:
@@ -108,17 +112,22 @@ def _finished(
             found = f"{', '.join(others)} in a deep picture"
             expected = f"only {', '.join(DEEP_AOVS)}"
             findings = (*findings, finding("deep-aovs", where, found, expected))
-        names = ("color", *(name for name in names if name in DEEP_AOVS[2:]))
+        names = ("color", *(name for name in names if name in DEEP_AOVS and name not in ALWAYS))
         findings = (*findings, *remarks.without_effect(where, spec.settings))
+    else:
+        own = set(spec.own).difference(request.settings)
+        findings = (*findings, *remarks.only_for_deep(where, spec.settings, own))
     settings = spec.settings
     if request.deep and "compression" not in request.settings and settings.compression:
         settings, lacking = _with_deep_compression(settings, where)
         findings = (*findings, *lacking)
     if deep or settings.color_mode == "auto":
-        settings = replace(settings, color_mode="scene" if deep else suited)
+        through_view = is_png and (request.bake_view or _names_view(settings))
+        settings = replace(settings, color_mode="scene" if deep or through_view else suited)
     is_baked = settings.color_mode != "display" and (is_png or request.bake_view)
-    settings, unused = _with_config(settings, where, is_baked=is_baked, is_png=is_png)
-    findings = (*findings, *unused)
+    if not deep:  # `without_effect` names the view of a deep picture
+        settings, unused = _with_config(settings, where, is_baked=is_baked, is_png=is_png)
+        findings = (*findings, *unused)
     _check_view(settings, is_from_variable=settings.ocio_config != spec.settings.ocio_config)
     start_offset(settings, engine.stage_info())  # raises an error if the time code does not exist
     _check_purposes(f"{where} purposes", request.purposes or spec.purposes)
@@ -150,6 +159,12 @@ def _finished(
     return picture
 
 
+def _names_view(settings: RenderSettings) -> bool:
+    """Return whether a view or its config is named."""
+    names = (settings.ocio_display, settings.ocio_view, settings.ocio_look, settings.ocio_config)
+    return any(names)
+
+
 def _with_config(
     settings: RenderSettings, where: str, *, is_baked: bool, is_png: bool
 ) -> tuple[RenderSettings, tuple[Finding, ...]]:
@@ -163,7 +178,7 @@ def _with_config(
     """
     config = os.environ.get("OCIO", "")
     names = (settings.ocio_display, settings.ocio_view, settings.ocio_look)
-    if settings.color_mode == "scene" and not is_baked and any((*names, settings.ocio_config)):
+    if settings.color_mode == "scene" and not is_baked and _names_view(settings):
         found = next(filter(None, (*names, settings.ocio_config)))
         expected = f"a picture through a view: --bake-view for {where}"
         return settings, (finding("unused-view", where, found, expected),)

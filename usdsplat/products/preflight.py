@@ -85,7 +85,7 @@ def findings_of(
 
 def lens_findings(engine: Engine, plan: PicturePlan) -> Iterator[Finding]:
     """Yield a finding if the lens of a picture is wide, even if one sample does not show it."""
-    blurred = replace(plan, deep=False, settings=replace(plan.settings, samples=2))
+    blurred = replace(plan, settings=replace(plan.settings, samples=2))
     try:
         camera = engine.view(plan.camera, framing=plan.framing).camera
     except UsdSplatError:

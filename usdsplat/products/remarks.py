@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterable, Iterator
 from pathlib import Path
 
 from usdsplat.core.findings import Finding, finding
@@ -17,10 +17,12 @@ from usdsplat.render.specs import CameraSpec, View
 
 FLAT_ONLY = (
     "inverse_max", "ocio_config", "ocio_display", "ocio_view", "ocio_look",
-    "multipart", "tile_size", "empty_depth",
+    "multipart", "tile_size", "empty_depth", "crypto_rank",
 )  # fmt: skip
-"""Knobs that have no effect on deep pictures, which are linear, have one scanline part and no depth
-in empty pixels."""
+"""Knobs that have no effect on deep pictures, which are linear, have one scanline part, no depth in
+empty pixels and one rank of Cryptomatte."""
+DEEP_ONLY = ("deep_error", "deep_color")
+"""Knobs that have no effect on flat pictures."""
 WIDEST = 0.1
 """Width of a lens, as a part of its focus distance, above which it is probably a mistake."""
 
@@ -82,9 +84,36 @@ def without_effect(where: str, settings: RenderSettings) -> Iterator[Finding]:
         *(name for name in FLAT_ONLY if getattr(settings, name) != getattr(default, name)),
     ]
     if names:
-        properties = {knob: name for name, knob in usd_names().items()}
-        found = ", ".join(f"{properties[name]} {getattr(settings, name)}" for name in names)
-        yield finding("deep-settings", where, found, "none of these in a deep picture")
+        yield finding("deep-settings", where, _said(settings, names), "none of these")
+
+
+def only_for_deep(
+    where: str, settings: RenderSettings, chosen: Collection[str]
+) -> Iterator[Finding]:
+    """Yield a finding if settings of a flat picture have no effect.
+
+    Args:
+        chosen: Knobs that were set for this picture. Others may be meant for a deep picture of the
+            same RenderSettings.
+    """
+    default = RenderSettings()
+    names = [
+        name
+        for name in DEEP_ONLY
+        if name in chosen and getattr(settings, name) != getattr(default, name)
+    ]
+    if names:
+        yield finding("flat-settings", where, _said(settings, names), "none of these")
+
+
+def _said(settings: RenderSettings, names: Iterable[str]) -> str:
+    """Return the schema's names of knobs, with their values."""
+    properties = {knob: name for name, knob in usd_names().items()}
+    values = {name: getattr(settings, name) for name in names}
+    return ", ".join(
+        f"{properties[name]} {f'{value:g}' if isinstance(value, float) else value}"
+        for name, value in values.items()
+    )
 
 
 def what_fails(path: Path, stats: FrameStats) -> str:
@@ -108,4 +137,5 @@ def what_is_deep(path: Path, report: DeepReport, seconds: float) -> str:
     away = ""
     if report.worst > 0:
         away = f" {report.decibels:.1f} dB (at most {report.worst:.2g}) from"
-    return f"{held}; flattened it is{away} the picture blended in the captures' training space"
+    space = "linearly" if report.blend_space == "linear" else "in the captures' training space"
+    return f"{held}; flattened it is{away} the picture blended {space}"

@@ -15,9 +15,6 @@ from usdsplat.render.specs import Framing
 MOST_PIXELS = 65536
 """Maximum size of a side [pixel]; larger values are typing errors."""
 
-DEEP_AOVS = ("color", "Z")
-"""AOVs of a deep picture."""
-
 NO_NAME = FileName.of("")
 """Name of the files of a plan whose caller names each file."""
 

@@ -87,7 +87,7 @@ def of_stage(
         "frames": frames if stage.HasAuthoredTimeCodeRange() else None,
         "frames_per_second": stage.GetTimeCodesPerSecond(),
         "splats": sum(entry.get("splats", 0) for entry in described),
-        "splats_drawn": _drawn(stage, time),
+        **_drawn(stage, time),
         "cameras": [str(prim.GetPath()) for prim in prims if prim.IsA(UsdGeom.Camera)],
         "points": [_of_points(prim, time) for prim in points_of(prims)],
         "products": [str(prim.GetPath()) for prim in prims if prim.IsA(UsdRender.Product)],
@@ -95,10 +95,17 @@ def of_stage(
     }
 
 
-def _drawn(stage: Usd.Stage, time: float | None) -> int:
-    """Return the number of splats in a picture. Each instance counts, hidden splats do not."""
+def _drawn(stage: Usd.Stage, time: float | None) -> dict[str, Any]:
+    """Return what a picture contains: the numbers of its splats and surfaces, and their bounds in
+    the world. Each instance counts, hidden prims do not."""
     with Engine(stage, time=time) as engine:
-        return sum(len(field.spec.cloud) for _, field, _ in engine.render_scene.drawn())
+        scene = engine.render_scene
+        bounds = scene.bounds()
+        return {
+            "splats_drawn": sum(len(field.spec.cloud) for _, field, _ in scene.drawn()),
+            "surfaces_drawn": len(scene.drawn_meshes()),
+            "world_bounds": None if bounds is None else [corner.tolist() for corner in bounds],
+        }
 
 
 def _of_field(prim: Usd.Prim, time: float | None) -> dict[str, Any]:

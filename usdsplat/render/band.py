@@ -7,6 +7,9 @@ from typing import Any
 
 import numpy.typing as npt
 
+BAND_PIXELS = 1 << 21
+"""Pixels of a band: a 1920x1080 picture is one band, a 3840x2160 picture four."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Band:

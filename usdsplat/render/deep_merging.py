@@ -32,9 +32,13 @@ from usdsplat.render.screen import Screen
 from usdsplat.render.settings import RenderSettings
 from usdsplat.render.specs import CameraSpec
 
-HELD = 64
-"""Contributions of a pixel that are held at a time, on average over a band. A region that needs
-more is divided."""
+HELD = 128
+"""Contributions of a pixel that are held at a time, on average over a strip. It is twice the usual
+number, because those of several pictures are held before they are joined."""
+ENTRIES = HELD * DEEP_PIXELS
+"""Default maximum number of contributions that are held. A region that needs more is divided."""
+ROOM = 4
+"""A region becomes larger again where less than this part of the maximum is held."""
 
 Window = tuple[int, int, int, int]
 """Pixels x0, y0, x1, y1, end exclusive."""
@@ -76,7 +80,12 @@ class DeepAccumulator:
 
     def __init__(self, device: Device, count: int, most: int) -> None:
         self._device, self._count, self._most = device, count, most
-        self._entries: _Entries | None = None
+        self._lists: list[tuple[int, _Entries]] = []
+        """Entries of 2^level consecutive pictures, with the level, which decreases. Lists of equal
+        level are joined, so the time of n pictures grows with n log n. The order of sums follows
+        from the pictures' numbers alone, so rounding depends on nothing else."""
+        self.held = 0
+        """Largest number of contributions so far."""
         self._prims: dict[str, int] = {}
         """Path -> number of each prim, in the order of first appearance."""
         self._id_names: tuple[str, ...] = ()
@@ -95,16 +104,22 @@ class DeepAccumulator:
         self._device.run(deep_merge.weigh, offsets, samples.color, 1 / self._count, weights, paints)
         # The depths are copied because they share their memory with colours.
         depth, ids = samples.depth.copy(), self._renumbered(samples)
-        entries = _Entries(offsets, depth, weights, paints, ids)
-        # Pictures are added one by one, so that rounding does not depend on anything else.
-        self._entries = entries if self._entries is None else self._joined(self._entries, entries)
-        if len(self._entries.depth) > self._most:
+        entries, level = _Entries(offsets, depth, weights, paints, ids), 0
+        while self._lists and self._lists[-1][0] == level:
+            entries = self._joined(self._lists.pop()[1], entries)
+            level += 1
+        self._lists.append((level, entries))
+        held = sum(len(each.depth) for _, each in self._lists)
+        self.held = max(self.held, held)
+        if held > self._most:
             raise TooManyEntries
 
     def finish(self, error: float) -> DeepSamples:
-        """Return the merged samples. For `error` see `RenderSettings.deep_error`."""
-        run, entries, error = self._device.run, self._entries, float(error)
-        assert entries is not None
+        """Return the merged samples, once. For `error` see `RenderSettings.deep_error`."""
+        run, error = self._device.run, float(error)
+        _, entries = self._lists.pop()
+        while self._lists:
+            entries = self._joined(self._lists.pop()[1], entries)
         k, places = entries.ids.shape[1], np.empty(len(entries.offsets) - 1, np.int64)
         nothing = np.empty(0, np.float32)
         none = nothing, nothing, np.empty((0, 4), np.float32), np.empty((0, k), np.int32)
@@ -151,87 +166,129 @@ class DeepAccumulator:
         return _Entries(offsets, *out)
 
 
+class _Regions:
+    """Size of the regions that are merged at a time. It follows the number of contributions.
+
+    Args:
+        rows, columns: Size of the largest region.
+        most: Maximum number of contributions that are held.
+    """
+
+    def __init__(self, rows: int, columns: int, most: int) -> None:
+        self._tallest, self._widest, self.most = rows, columns, most
+        self._rows, self.columns = rows, columns
+
+    def end_of(self, y0: int, end: int) -> int:
+        """Return the end of the strip that begins at row `y0`: whole tiles, as in
+        `Screen.bands`, while there are several."""
+        unit = min(self._rows, TILE)
+        return min(end, (y0 + self._rows) // unit * unit)
+
+    def shrink(self, rows: int, columns: int) -> None:
+        """Divide regions after one of this size, of several pixels, had too many contributions."""
+        if rows > 1:
+            self._rows = _half(rows)
+        else:
+            self._rows, self.columns = 1, (columns + 1) // 2
+
+    def grow(self, held: int, rows: int) -> None:
+        """Enlarge regions if a strip of so many rows had few contributions in all its regions."""
+        if rows < self._rows or ROOM * held > self.most:
+            return
+        if self.columns < self._widest:
+            self.columns = min(2 * self.columns, self._widest)
+        elif self._rows < self._tallest:
+            twice = 2 * self._rows
+            self._rows = min(twice // TILE * TILE or twice, self._tallest)
+
+
 def render_merged_deep(
-    frame: FrameContext, camera: CameraSpec, screen: Screen, band_pixels: int
+    frame: FrameContext, camera: CameraSpec, screen: Screen, band_pixels: int, most: int = ENTRIES
 ) -> Iterator[tuple[int, int, DeepSamples]]:
     """Return the merged samples of each pixel, in strips of rows: (y0, y1, samples).
 
     For ids see `frame.render_deep`.
 
+    Args:
+        most: Maximum number of contributions that are held, and of samples of a row of pixels.
+
     Raises:
-        UsageError: If one row of pixels has too many samples.
+        UsageError: If a pixel has more contributions, or a row more samples.
     """
     x0, y0, x1, end = screen.window
-    band_pixels = min(band_pixels, DEEP_PIXELS)
-    most = HELD * band_pixels
-    rows = max(1, band_pixels // (x1 - x0) // TILE) * TILE
+    rows = max(1, min(band_pixels, DEEP_PIXELS) // (x1 - x0) // TILE) * TILE
+    regions = _Regions(rows, x1 - x0, most)
     while y0 < end:
-        y1 = min(end, (y0 // rows + 1) * rows)
-        window = x0, y0, x1, y1
+        y1 = regions.end_of(y0, end)
+        draw = _row_by_columns if regions.columns < x1 - x0 else merged_region
         try:
-            samples = merged_region(frame, camera, screen, window, most)
+            samples, held = draw(frame, camera, (x0, y0, x1, y1), regions)
         except TooManyEntries:
-            if y1 - y0 > 1:
-                rows = _half(min(rows, max(y1 - y0, 2)))
-                continue
-            samples = _row_by_columns(frame, camera, screen, window, most)
+            continue
         yield y0, y1, samples
+        regions.grow(held, y1 - y0)
         y0 = y1
 
 
 def merged_region(
-    frame: FrameContext, camera: CameraSpec, screen: Screen, window: Window, most: int
-) -> DeepSamples:
-    """Return the merged samples of some pixels.
+    frame: FrameContext, camera: CameraSpec, window: Window, regions: _Regions
+) -> tuple[DeepSamples, int]:
+    """Return the merged samples of some pixels, and how many contributions were held.
 
     Args:
         window: The pixels.
-        most: Maximum number of contributions that are held.
 
     Raises:
-        TooManyEntries: If there are more.
+        TooManyEntries: If there are too many contributions. The next regions are smaller.
+        UsageError: If one pixel has too many.
     """
+    x0, y0, x1, y1 = window
     plan = sampling.samples(frame.settings, camera)
     plan = tuple(each[0] for each in samples_of(frame.settings, plan, frame.nodes, 1))
-    merged = DeepAccumulator(frame.device, len(plan), most)
+    merged = DeepAccumulator(frame.device, len(plan), regions.most)
     try:
         for each in plan:
             sample = prepare(frame, each, window, ())
-            tiles, _, surfaces = bin_band(frame, sample, (window[1], window[3]))
+            tiles, _, surfaces = bin_band(frame, sample, (y0, y1))
             behind = None if surfaces is None else fetched_surfaces(frame, surfaces)
             merged.add(deep_samples(frame, camera, tiles, behind, 0.0))
             frame.clock.lap("merge")
+    except TooManyEntries:
+        if (x1 - x0, y1 - y0) == (1, 1):
+            found = f"more than {regions.most:,} contributions to the pixel {x0}, {y0}"
+            expected = "fewer --samples, or a larger --memory-limit"
+            raise UsageError("--deep", found, expected) from None
+        regions.shrink(y1 - y0, x1 - x0)
+        raise
     finally:  # samples move the scene in time; return to the frame, also after an error
         frame.sampler(0.0)
     samples = merged.finish(frame.settings.deep_error)
     frame.clock.lap("merge")
-    return samples
+    return samples, merged.held
 
 
 def _row_by_columns(
-    frame: FrameContext, camera: CameraSpec, screen: Screen, window: Window, most: int
-) -> DeepSamples:
-    """Return the merged samples of one row of pixels, merged in parts."""
+    frame: FrameContext, camera: CameraSpec, window: Window, regions: _Regions
+) -> tuple[DeepSamples, int]:
+    """Return the merged samples of one row of pixels, merged in parts, and the largest number of
+    contributions that were held."""
     x0, y0, x1, y1 = window
     parts: list[DeepSamples] = []
-    columns, held = x1 - x0, 0
+    most, count = 0, 0
     while x0 < x1:
-        columns = min(columns, x1 - x0)
+        end = min(x1, x0 + regions.columns)
         try:
-            part = merged_region(frame, camera, screen, (x0, y0, x0 + columns, y1), most)
-            held += len(part.depth)
-            if held > most:
-                raise TooManyEntries
+            part, held = merged_region(frame, camera, (x0, y0, end, y1), regions)
         except TooManyEntries:
-            if columns == 1 or held > most:
-                found = f"more than {most:,} samples in the row of pixels {y0}"
-                expected = "fewer --samples, a larger --deep-error or --memory-limit"
-                raise UsageError("--deep", found, expected) from None
-            columns //= 2
             continue
+        most, count = max(most, held), count + len(part.depth)
+        if count > regions.most:
+            found = f"more than {regions.most:,} samples in the row of pixels {y0}"
+            expected = "a larger --deep-error or --memory-limit, or fewer --samples"
+            raise UsageError("--deep", found, expected)
         parts.append(part)
-        x0 += columns
-    return _beside(parts)
+        x0 = end
+    return _beside(parts), most
 
 
 def _beside(parts: list[DeepSamples]) -> DeepSamples:

@@ -166,7 +166,7 @@ def kept(rank_pairs: int) -> int:
 
 def slots(rank_pairs: int) -> int:
     """Return the number of prims of a pixel that are accumulated over samples."""
-    return cryptomatte.SLOTS * kept(rank_pairs)
+    return cryptomatte.SLOTS_PER_PRIM * kept(rank_pairs)
 
 
 class MatteBuffers(BufferGroup):

@@ -66,8 +66,8 @@ def matte_groups(
 def _grouped(
     prims: Sequence[str], of_prims: Mapping[str, str], of_materials: Sequence[str] | None
 ) -> MatteGroups:
-    """Number the names of groups. Prims without one, which are meshes grouped by material, are in
-    group 0, and nothing reads it."""
+    """Number the names of groups. Prims without a name, which are meshes grouped by material, get
+    the number 0. It is not used."""
     names = tuple(sorted({*of_prims.values(), *(of_materials or ())}))
     numbers = {name: number for number, name in enumerate(names)}
 

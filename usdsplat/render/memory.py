@@ -8,7 +8,7 @@ sizes depend, such as the number of visible splats, are estimated from a sample 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, fields
 from pathlib import Path
 
@@ -43,13 +43,6 @@ PROBES = 100_000
 """Number of splats that are tested to estimate how many are visible."""
 UNEVEN = 1.5
 """Pairs of splat and tile in the fullest band, relative to the mean of all bands."""
-DEEP_SAMPLES = 48
-"""Mean number of samples in a deep pixel, for a dense capture that fills the picture."""
-DEEP_SAMPLE = 80
-"""Bytes per deep sample: 24 in arrays, 24 in the copy with surfaces, 24 in the previous strip that
-the caller still holds, 8 in rows that are being written."""
-BEAUTY_SAMPLE = 32
-"""Bytes per deep sample whose colour is scaled to the beauty: the scaled colour, and its factor."""
 WRITER, WRITER_ROWS = 4, 64
 """Number of copies of the rows that are being written to a file, and number of these rows."""
 
@@ -140,7 +133,7 @@ def estimate(
     """
     screen = Screen.of(view)
     x0, y0, x1, y1 = screen.window
-    begin, end = next(screen.bands(band_pixels))
+    begin, end = _highest(screen.bands(band_pixels))
     layout = scene.draw_list(settings.splat_budget)
     laid = {id(group.cloud): len(group.cloud) for group in layout.groups}
     pixels, share = (end - begin) * (x1 - x0), min(1.0, UNEVEN * (end - begin) / (y1 - y0))
@@ -153,10 +146,9 @@ def estimate(
         by_splat += RANKS * sizes.visible
     kept = 0
     if request.deep:
-        top, bottom = next(screen.bands(min(band_pixels, DEEP_PIXELS)))
-        sample = DEEP_SAMPLE + BEAUTY_SAMPLE * (settings.deep_color == "beauty")
-        more = deep_bytes(settings, request.deep_ids, DEEP_SAMPLES)
-        kept = (bottom - top) * (x1 - x0) * (DEEP_SAMPLES * sample + more)
+        top, bottom = _highest(screen.bands(min(band_pixels, DEEP_PIXELS)))
+        per_pixel = deep_bytes(settings, request.deep_ids)
+        kept = (bottom - top) * (x1 - x0) * per_pixel
     written = (aov for aov in AOVS.values() if aov.hydra in request.aovs)
     channels = sum(len(aov.with_rank(settings.crypto_rank).channels) for aov in written)
     writing = WRITER * WRITER_ROWS * (x1 - x0) * 4 * channels
@@ -277,6 +269,11 @@ def _said(file: str, name: str) -> int:
         return 0
     line = next((line for line in text.splitlines() if line.startswith(name)), "none: 0")
     return 1024 * int(line.split()[1])
+
+
+def _highest(bands: Iterable[tuple[int, int]]) -> tuple[int, int]:
+    """Return the band with the most rows; the first one may begin within a row of tiles."""
+    return max(bands, key=lambda rows: rows[1] - rows[0])
 
 
 def _held(scene: RenderScene) -> int:

@@ -65,7 +65,7 @@ def with_holdout(
 ) -> Occluders:
     """Return the occluders of a band with a holdout added.
 
-    Depths hide everything behind them, nodes what their transmittance leaves out.
+    Depths hide everything behind them; nodes hide in part.
 
     Args:
         shape: Rows and columns of the band.

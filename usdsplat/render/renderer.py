@@ -11,8 +11,9 @@ from usdsplat.core.errors import BackendError, UsageError
 from usdsplat.kernels.device import CpuDevice, Device
 from usdsplat.render import sampling
 from usdsplat.render.aov_resolver import AVERAGED
-from usdsplat.render.band import Band
+from usdsplat.render.band import BAND_PIXELS, Band
 from usdsplat.render.cpu import CpuRasterizer
+from usdsplat.render.deep_memory import USUAL_SIZE, DeepSize
 from usdsplat.render.deep_merging import merges_deep, render_merged_deep
 from usdsplat.render.deep_samples import DEEP_IDS, DeepSamples
 from usdsplat.render.frame import MOTION, render_deep, render_frame
@@ -51,8 +52,6 @@ surface at that depth, -1 where nothing is: `primId` is the index of the prim in
 drawn prims, `instanceId` the number within a point instancer, `elementId` a splat's row in its
 prim's arrays or a mesh's face."""
 
-BAND_PIXELS = 1 << 21
-"""Pixels of a band: a 1920x1080 picture is one band, a 3840x2160 picture four."""
 ORDERED = ("zDepth", "rayHitDistance")
 """Sorting modes of deep pictures: those that sort by planar depth."""
 
@@ -193,7 +192,7 @@ class Renderer:
         *,
         sampler: TimeSampler | None = None,
         holdout: ReadHoldout | None = None,
-        band_pixels: int = BAND_PIXELS,
+        size: DeepSize = USUAL_SIZE,
     ) -> Iterator[tuple[int, int, DeepSamples]]:
         """Return the contributions to every pixel, in strips of a band: (y0, y1, samples).
 
@@ -209,7 +208,7 @@ class Renderer:
 
         Raises:
             UsageError: If splats are not sorted by planar depth, an AOV is not an id, or a row of
-                pixels has too many samples.
+                pixels or one pixel has too many samples.
         """
         for name in aovs:
             if name not in DEEP_IDS:
@@ -236,9 +235,11 @@ class Renderer:
             )
             if merges:  # the heights of strips depend on what is drawn: begin after the last one
                 rest = replace(screen, window=(x0, top, x1, bottom))
-                strips = render_merged_deep(frame, view.camera, rest, band_pixels)
+                strips = render_merged_deep(
+                    frame, view.camera, rest, size.band_pixels, size.entries
+                )
             else:
-                drawn = render_deep(frame, view.camera, screen, band_pixels)
+                drawn = render_deep(frame, view.camera, screen, size.band_pixels)
                 strips = itertools.islice(drawn, taken, None)
             for each in strips:
                 self.stats = frame.stats

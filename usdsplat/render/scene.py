@@ -84,7 +84,8 @@ def _left_by_crops(field: Field) -> list[Box]:
     few = positions[:: max(1, len(positions) // FEW)].astype(np.float64)
     boxes = []
     for instance in field.instances:
-        world = few @ matrix(instance.transform)[:3, :3].T + matrix(instance.transform)[:3, 3]
+        with np.errstate(all="ignore"):  # what is not finite is no part of the box
+            world = few @ matrix(instance.transform)[:3, :3].T + matrix(instance.transform)[:3, 3]
         box = _most_of(world[inside(field.crops, world)])
         if box is not None:
             boxes.append(box)

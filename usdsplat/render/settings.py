@@ -139,8 +139,8 @@ class RenderSettings:
     deep_color: Literal["scene", "beauty"] = knob(
         "scene",
         "colour of deep samples: scene is that of their splats, beauty scales it in each pixel so "
-        "that the flattened samples equal the flat picture, blended in the training space; "
-        "opacities stay the same",
+        "that the flattened samples equal the flat picture of the same blend space; opacities stay "
+        "the same",
     )
     png_bits: Literal["8", "16"] = knob("8", "bits of each channel of a PNG")
     start_timecode: str = knob(

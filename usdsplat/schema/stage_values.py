@@ -163,14 +163,22 @@ def extents_hint(model: UsdGeom.ModelAPI, cache: UsdGeom.BBoxCache) -> Vt.Vec3fA
 
 
 def unknown_ops(prim: Usd.Prim) -> Iterator[str]:
-    """Yield the transform ops of a prim that USD does not know, or that have no attribute."""
+    """Yield the transform ops of a prim that USD does not know, so that it has no transform."""
     for op in op_names(prim):
-        name = op.removeprefix(_INVERSE)
-        if name == _RESET:
-            continue
-        kind = name.split(":")[1] if name.startswith("xformOp:") else ""
-        if kind not in _OPS or not prim.HasAttribute(name):
+        if op != _RESET and not _is_known(op):
             yield op
+
+
+def missing_ops(prim: Usd.Prim) -> Iterator[str]:
+    """Yield the transform ops of a prim that have no attribute, which USD leaves out."""
+    for op in op_names(prim):
+        if op != _RESET and _is_known(op) and not prim.HasAttribute(op.removeprefix(_INVERSE)):
+            yield op
+
+
+def _is_known(op: str) -> bool:
+    name = op.removeprefix(_INVERSE)
+    return name.startswith("xformOp:") and name.split(":")[1] in _OPS
 
 
 def are_finite(value: Any) -> bool:

@@ -192,3 +192,16 @@ def test_all_of_a_lens_may_be_animated(stage, name):
         first = engine.view("/Rig/Camera").camera
         engine.set_time(2)
         assert first != engine.view("/Rig/Camera").camera == there.view("/Rig/Camera").camera
+
+
+def test_what_a_camera_asks_for_in_vain_is_said(stage):
+    """Oracle: the attributes that are authored; without them nothing is said."""
+    camera = UsdGeom.Camera(stage.GetPrimAtPath("/Rig/Camera"))
+    with Engine(stage) as engine:
+        assert engine.warnings == ()
+        camera.CreateClippingPlanesAttr([Gf.Vec4f(0, 0, 1, 5)])
+        camera.CreateProjectionAttr("fisheye")
+        planes, projection = sorted(engine.findings, key=lambda each: each.attribute)
+    assert {planes.code, projection.code} == {"unsupported-input"}
+    assert "/Rig/Camera.clippingPlanes: found 1 plane, expected none" in planes.message
+    assert "/Rig/Camera.projection: found 'fisheye'" in projection.message

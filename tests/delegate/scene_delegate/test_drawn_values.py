@@ -38,6 +38,21 @@ def test_what_drawing_hides_is_a_finding_as_in_validate(name, value, code) -> No
         assert [each for each in engine.findings if each.code == code] == expected
 
 
+def test_an_op_without_an_attribute_is_left_out_and_said_as_in_validate() -> None:
+    """Oracle: `schema.validate`, word by word, and UsdGeom's rule: the other ops place the prim."""
+    stage = two_fields()
+    prim = stage.GetPrimAtPath("/World/A")
+    UsdGeom.Xformable(prim).AddTranslateOp().Set((5, 0, 0))
+    order = prim.GetAttribute("xformOpOrder")
+    order.Set([*order.Get(), "xformOp:rotateXYZ"])
+    expected = [each for each in schema.validate(stage) if each.code == "missing-op"]
+    assert [(each.path, each.found) for each in expected] == [("/World/A", "'xformOp:rotateXYZ'")]
+    with Engine(stage) as engine:
+        assert [each for each in engine.findings if each.code == "missing-op"] == expected
+        (instance,) = (each for path, _, each in engine.render_scene.drawn() if path == "/World/A")
+    assert instance.transform[3] == 5
+
+
 def test_what_is_hidden_or_a_guide_is_not_judged() -> None:
     """Oracle: each of three mistakes is found, and is not once the field is not drawn."""
     stage = two_fields()

@@ -8,7 +8,7 @@ from pxr import Gf, Sdf, Usd, UsdRender
 from tests.delegate.stages import two_fields
 from usdsplat.core.errors import StageError, UsageError
 from usdsplat.delegate.engine import Engine
-from usdsplat.delegate.scene_delegate.render_products import AOVS
+from usdsplat.delegate.scene_delegate.render_names import AOVS
 from usdsplat.images.aovs import AOVS as FILE_AOVS
 from usdsplat.render.settings import RenderSettings
 from usdsplat.render.specs import Framing
@@ -357,3 +357,55 @@ def test_collections_of_a_pass_that_change_nothing_here_are_said(stage, name):
     with Engine(stage) as engine:
         (found,) = engine.products()[0].findings
     assert found.message.startswith(f"/Render/Pass.collection:{name}: found some prims, expected")
+
+
+def test_options_of_other_writers_are_honoured_or_said(stage):
+    """Oracle: the attributes authored here; scanlines and one part are what is written anyway."""
+    own, kinds = stage.GetPrimAtPath("/Render/Own"), Sdf.ValueTypeNames
+    for name, kind, value in (
+        ("OpenEXR:storage", kinds.String, "scanline"),
+        ("OpenEXR:multipart", kinds.Bool, True),
+        ("ocio", kinds.String, "ACEScg"),
+    ):
+        own.CreateAttribute(f"driver:parameters:{name}", kind).Set(value)
+    with Engine(stage) as engine:
+        plain, product = engine.products()
+        assert (plain.settings.multipart, product.settings.multipart) == (False, True)
+        assert [each.attribute for each in product.findings] == ["driver:parameters:ocio"]
+        own.GetAttribute("driver:parameters:OpenEXR:storage").Set("tiled")
+        _, product = engine.products()
+        assert ("'tiled'", "splat:tileSize for tiles") in {
+            (each.found, each.expected) for each in product.findings
+        }
+
+
+@pytest.mark.parametrize(
+    ("name", "space"),
+    [
+        ("lin_ap1_scene", "lin_ap1_scene"), ("ACEScg", "lin_ap1_scene"),
+        ("acescg", "lin_ap1_scene"), ("Linear Rec.2020", "lin_rec2020_scene"),
+        ("raw", ""), ("nonsense", ""),
+    ],
+)  # fmt: skip
+def test_the_rendering_space_of_settings_is_the_working_space(stage, name, space):
+    """Oracle: the OCIO names of the ACES configs; splat:workingSpace on the product goes first."""
+    settings = UsdRender.Settings(stage.GetPrimAtPath("/Render/Settings"))
+    settings.CreateRenderingColorSpaceAttr(name)
+    own = stage.GetPrimAtPath("/Render/Own")
+    own.CreateAttribute("splat:workingSpace", Sdf.ValueTypeNames.Token).Set("lin_p3d65_scene")
+    with Engine(stage) as engine:
+        plain, product = engine.products()
+    assert plain.settings.working_space == (space or RenderSettings().working_space)
+    assert product.settings.working_space == "lin_p3d65_scene"
+    said = [each.found for each in plain.findings if each.code == "rendering-space"]
+    assert said == ([] if space else [repr(name)])
+
+
+def test_a_light_path_of_all_light_is_the_beauty(stage):
+    """Oracle: the expression that Karma's settings author for the beauty, and its depth."""
+    for name, source in (("beauty", "C.*[LO]"), ("depth", "ray:hitPz"), ("who", "C<RD>.*[LO]")):
+        UsdRender.Var(stage.GetPrimAtPath(f"/Render/{name}")).GetSourceNameAttr().Set(source)
+    with Engine(stage) as engine:
+        _, own = engine.products()
+    assert own.aovs == ("color", "depth")
+    assert [each.found for each in own.findings if each.code == "unknown-var"] == ["'C<RD>.*[LO]'"]

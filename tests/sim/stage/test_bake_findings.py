@@ -22,7 +22,7 @@ DAMAGED = " with a damaged record"
         ({"frameRange": Vt.StringArray(["a", "b"]), "completedFrames": 1}, DAMAGED, (None, None)),
         ({"frameRange": Vt.DoubleArray([1]), "completedFrames": 1}, DAMAGED, (None, None)),
         ({"frameRange": SPAN, "completedFrames": "x"}, DAMAGED, ([1, 4], None)),
-        ({"frameRange": SPAN, "completedFrames": 1}, ", with 1 frame", ([1, 4], "1 of 4")),
+        ({"frameRange": SPAN, "completedFrames": 1}, ", with 1 frame complete", ([1, 4], "1 of 4")),
     ],
 )
 def test_a_damaged_record_is_a_finding(

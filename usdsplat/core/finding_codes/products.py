@@ -30,6 +30,12 @@ CODES: dict[str, Code] = {
         "use them for a flat product",
         "they have no effect on a deep picture",
     ),
+    "flat-settings": Code(
+        "note",
+        "settings apply to deep pictures only",
+        "request a deep picture, with --deep or a product of type deepRaster",
+        "they have no effect on a flat picture",
+    ),
     "unsupported-name": Code(
         "note",
         "a RenderVar names channels otherwise than usdsplat does",
@@ -48,6 +54,12 @@ CODES: dict[str, Code] = {
         "give --view or --bake-view, or author splat:ocioView",
         "the picture has plain sRGB",
     ),
+    "rendering-space": Code(
+        "warning",
+        "the renderingColorSpace of the settings is not a linear space that pictures can have",
+        "name a linear space, or author splat:workingSpace",
+        "splat:workingSpace is used",
+    ),
     "unused-view": Code(
         "note",
         "an OCIO view or config is named for a picture that is not drawn through a view",
@@ -56,8 +68,9 @@ CODES: dict[str, Code] = {
     ),
     "product-metadata": Code(
         "warning",
-        "a RenderProduct asks for a header entry or a compression that pictures cannot have",
-        "choose another name, or remove the attribute",
+        "a RenderProduct asks for a header entry, a compression or an option of another program's "
+        "writer that pictures cannot have",
+        "author what the sentence expects, or remove the attribute",
         "it is left out",
     ),
     "bad-window": Code(

@@ -68,6 +68,12 @@ CODES: dict[str, Code] = {
         "correct the xformOps of the prim or its ancestors",
         "what it places is not drawn",
     ),
+    "missing-op": Code(
+        "warning",
+        "a transform op in xformOpOrder has no attribute",
+        "author the attribute, or remove the op from xformOpOrder",
+        "the op is left out",
+    ),
     "bad-camera": Code(
         "error",
         "a camera cannot form an image",
@@ -102,8 +108,8 @@ CODES: dict[str, Code] = {
     ),
     "unsupported-input": Code(
         "warning",
-        "an input of a light or a shader is not supported",
-        "remove it, or bake its effect into diffuseColor",
+        "an input of a light, a shader or a camera is not supported",
+        "remove it; the effect of a shader can be baked into diffuseColor",
         "it has no effect",
     ),
     "unsupported-surface": Code(

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 
 import numpy as np
 from pxr import Gf, Usd, UsdGeom
 
 from usdsplat.core.errors import StageError
+from usdsplat.core.findings import Finding, finding, from_error
+from usdsplat.core.wording import counted
 from usdsplat.delegate.scene_delegate.placing import column_matrix
 from usdsplat.render.specs import CameraSpec, Matrix
 from usdsplat.schema.stage_values import local_to_world
@@ -58,6 +61,21 @@ def shutter_problem(prim: Usd.Prim, time: Usd.TimeCode) -> StageError | None:
     found = f"({opens:g}, {closes:g})"
     expected = "one that closes after it opens; (0, 0) is used"
     return StageError(f"{prim.GetPath()} shutter:open and shutter:close", found, expected)
+
+
+def camera_findings(prim: Usd.Prim, time: Usd.TimeCode) -> Iterator[Finding]:
+    """Yield a finding on an invalid shutter, and on each attribute that has no effect."""
+    if wrong := shutter_problem(prim, time):
+        yield from_error("bad-shutter", wrong)
+    camera, path = UsdGeom.Camera(prim), prim.GetPath()
+    planes, projection = camera.GetClippingPlanesAttr(), camera.GetProjectionAttr()
+    if planes.Get(time):
+        found = counted(len(planes.Get(time)), "plane")
+        yield finding("unsupported-input", f"{path}.clippingPlanes", found, "none")
+    kind, kinds = projection.Get(time), (UsdGeom.Tokens.perspective, UsdGeom.Tokens.orthographic)
+    if kind is not None and kind not in kinds:
+        expected = f"{' or '.join(kinds)}; {kinds[0]} is used"
+        yield finding("unsupported-input", f"{path}.projection", repr(kind), expected)
 
 
 def _exposure(where: str, camera: UsdGeom.Camera, time: Usd.TimeCode) -> float:

@@ -19,7 +19,7 @@ from usdsplat.delegate.instancing import NO_INSTANCES, InstancerSpec, Placement
 from usdsplat.delegate.render_index import RenderIndex
 from usdsplat.delegate.rprim import Rprim
 from usdsplat.delegate.scene_delegate import placing
-from usdsplat.delegate.scene_delegate.cameras import read_camera, shutter_problem
+from usdsplat.delegate.scene_delegate.cameras import camera_findings, read_camera
 from usdsplat.delegate.scene_delegate.crops import read_crop
 from usdsplat.delegate.scene_delegate.dependencies import Dependencies
 from usdsplat.delegate.scene_delegate.fields import read_field
@@ -109,7 +109,7 @@ class UsdSceneDelegate:
             if self._is_of_interest(path, kind):
                 found.append(from_error(UNREADABLE[kind], why))
         for (path, kind), each in self._remarks.items():
-            if kind == "shutter" or self._rprim(path).is_wanted:
+            if kind == "lens" or self._rprim(path).is_wanted:
                 found += each
         for path, reader in self._meshes.items():
             if self._is_of_interest(path, "mesh") and (path, "mesh") not in self.problems:
@@ -220,8 +220,8 @@ class UsdSceneDelegate:
     def stage_info(self) -> StageInfo:
         """Return the values of the stage that headers of pictures contain."""
         entries = (entry for _, entry in self._population.rprims())
-        placed = (seen.placement.path for entry in entries for seen in entry.appearances)
-        return read_stage_info(self.stage, prims=tuple(sorted(set(placed))))
+        placed = (seen.placement for entry in entries for seen in entry.appearances)
+        return read_stage_info(self.stage, placed)
 
     def field(self, path: str) -> FieldSpec | None:
         """Implement `SceneDelegate.field`."""
@@ -314,8 +314,7 @@ class UsdSceneDelegate:
         """Implement `SceneDelegate.camera`."""
         prim = self._population.cameras[path]
         read = partial(read_camera, prim, self._code, self._xforms)
-        wrong = shutter_problem(prim, self._code)
-        self._remark("shutter", path, *([from_error("bad-shutter", wrong)] if wrong else []))
+        self._remark("lens", path, *camera_findings(prim, self._code))
         return self._pull("camera", path, read, None)
 
     def light(self, path: str) -> LightSpec | None:

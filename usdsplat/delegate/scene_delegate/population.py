@@ -30,6 +30,7 @@ from usdsplat.delegate.scene_delegate.points import is_points
 from usdsplat.delegate.scene_delegate.unsupported import why_not_drawn
 from usdsplat.delegate.scene_delegate.volumes import NO_CROP, Crop, find_crop, has_crop, lineage
 from usdsplat.schema.tree import is_tree
+from usdsplat.schema.validation.transforms import without_attribute
 
 Kind = Literal["field", "mesh", "instancer", "camera", "light", "other", ""]
 
@@ -252,12 +253,15 @@ class _Walk:
         return replace(appearance, placement=replace(placement, material=name))
 
     def _check_names(self, prim: Usd.Prim) -> None:
-        """Add a finding for each unknown name, of equal instances one."""
+        """Add a finding for each unknown name and each transform op without an attribute, of equal
+        instances one."""
         if prim.IsInstanceProxy():
             source = source_of(prim).GetPath()
             if source in self._checked:
                 return
             self._checked.add(source)
+        if prim.IsA(UsdGeom.Xformable):
+            self._found.findings += without_attribute(prim)
         if names := checked_names(prim):
             self._found.findings += unknown_names(prim, names)
             self._inheritable += inheritable(prim, names)

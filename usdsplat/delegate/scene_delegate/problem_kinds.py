@@ -23,7 +23,7 @@ def is_in(population: Population, path: str, kind: str) -> bool:
         "mesh": population.meshes,
         "instancer": population.instancers,
         "camera": population.cameras,
-        "shutter": population.cameras,
+        "lens": population.cameras,
         "light": population.lights,
     }
     if kind == "transforms":

@@ -1,4 +1,4 @@
-"""Read the header entries and the compression that a RenderProduct asks for, as husk reads them.
+"""Read what a RenderProduct asks of husk's writers: header entries, compression, parts.
 
 Source: the attributes that Solaris' Render Product authors: driver:parameters:artist, comment and
 hostname, and driver:parameters:OpenEXR:NAME.
@@ -15,6 +15,7 @@ from pxr import Usd, UsdRender
 
 from usdsplat.core.errors import UsageError
 from usdsplat.core.findings import Finding, finding
+from usdsplat.core.text import shown
 from usdsplat.images.compression import DEEP_COMPRESSIONS, FLAT_COMPRESSIONS
 from usdsplat.images.layout import Entry
 from usdsplat.images.user_metadata import entry
@@ -25,6 +26,12 @@ HUSK_ENTRIES = ("artist", "comment", "hostname")
 """Names of header entries in this namespace; all others are in its namespace OpenEXR."""
 WRITER_OPTIONS = ("compression", "multipart", "storage", "tiles", "asrgba")
 """Options of other programs' writers in the namespace OpenEXR, which are no entries."""
+NOT_HONOURED = {
+    "OpenEXR:storage": "splat:tileSize for tiles",
+    "OpenEXR:tiles": "splat:tileSize",
+    "ocio": "splat:ocioView, splat:ocioDisplay or splat:workingSpace",
+}
+"""Option of other programs' writers that has no effect -> what to author instead."""
 
 
 def entries(product: Usd.Prim, time: Usd.TimeCode) -> tuple[tuple[str, Entry], ...]:
@@ -42,12 +49,23 @@ def compression(product: Usd.Prim) -> str:
     return asked if asked in _supported(product) else ""
 
 
+def is_multipart(product: Usd.Prim) -> bool:
+    """Return whether a product asks husk for a part for each AOV."""
+    attribute = product.GetAttribute(f"{METADATA}OpenEXR:multipart")
+    return bool(attribute and attribute.Get())
+
+
 def problems(product: Usd.Prim, time: Usd.TimeCode) -> Iterator[Finding]:
     """Yield a finding for each of these attributes that is left out."""
     if (asked := _asked(product)) and not compression(product):
         expected = f"one of {', '.join(_supported(product))}"
         where = f"{product.GetPath()}.{METADATA}OpenEXR:compression"
         yield finding("product-metadata", where, repr(asked), expected)
+    for name, ours in NOT_HONOURED.items():
+        attribute = product.GetAttribute(f"{METADATA}{name}")
+        if attribute and attribute.Get() not in (None, "", "scanline"):
+            asked = repr(shown(str(attribute.Get())))
+            yield finding("product-metadata", str(attribute.GetPath()), asked, ours)
     for where, name, value in _added(product, time):
         try:
             entry("", name, value)

@@ -19,60 +19,16 @@ from usdsplat.core.findings import Finding, finding
 from usdsplat.core.knobs import checked
 from usdsplat.delegate.product import ProductSpec
 from usdsplat.delegate.scene_delegate import collections, product_metadata
+from usdsplat.delegate.scene_delegate.render_names import ALPHAS, AOVS, LINEAR, working_space
 from usdsplat.images.layout import PixelType
 from usdsplat.render.framing import CONFORM, data_window
 from usdsplat.render.settings import RenderSettings, usd_names
 from usdsplat.render.specs import Framing
 from usdsplat.schema.stage_values import are_finite
 
-AOVS = {
-    "color": "color",
-    "Ci": "color",
-    "rgba": "color",
-    "a": "color",
-    "alpha": "color",
-    "depth": "depth",
-    "cameraDepth": "depth",
-    "Z": "depth",
-    "z": "depth",
-    "Zfront": "depthFront",
-    "depthFront": "depthFront",
-    "Zexp": "depthExpected",
-    "depthExpected": "depthExpected",
-    "Neye": "Neye",
-    "N": "Neye",
-    "P": "P",
-    "Pworld": "P",
-    "__Pworld": "P",
-    "albedo": "albedo",
-    "forward": "motionForward",
-    "motionForward": "motionForward",
-    "backward": "motionBackward",
-    "motionBackward": "motionBackward",
-    "cryptoObject": "cryptoObject",
-    "crypto_object": "cryptoObject",
-    "CryptoObject": "cryptoObject",
-    "cryptoAsset": "cryptoAsset",
-    "crypto_asset": "cryptoAsset",
-    "CryptoAsset": "cryptoAsset",
-    "cryptoMaterial": "cryptoMaterial",
-    "crypto_material": "cryptoMaterial",
-    "CryptoMaterial": "cryptoMaterial",
-    "primId": "primId",
-    "id": "primId",
-    "instanceId": "instanceId",
-    "elementId": "elementId",
-    "splatId": "elementId",
-}
-"""`sourceName` of a RenderVar, in the spelling of Hydra, RenderMan, Arnold and our files -> our
-AOV. Names with another meaning elsewhere (Hydra's `normal`, Arnold's `motionvector`) are
-omitted."""
-
-
-HALF_TYPES = {"half", "half2", "half3", "half4", "color3h", "color4h", "vector3h", "point3h"}
-ALPHAS = ("a", "alpha")
-"""`sourceName` of vars that request only the alpha of `color`."""
-
+HALF_TYPES = {
+    "half", "half2", "half3", "half4", "color3h", "color4h", "vector3h", "point3h", "normal3h",
+}  # fmt: skip
 POLICY = "aspectRatioConformPolicy"
 NO_OVERRIDES: Mapping[str, Any] = MappingProxyType({})
 DISABLERS = {
@@ -239,6 +195,7 @@ class _Reader:
             camera=camera or self._camera(),
             framing=self._framing(resolution),
             settings=self._render_settings(overrides),
+            own=tuple(self._authored(self._product)),
             aovs=self._aovs(),
             pixel_types=self._pixel_types(),
             matte=self._matte(),
@@ -300,29 +257,48 @@ class _Reader:
             yield finding("bad-window", where, f"({numbers})", "finite numbers")
 
         yield from product_metadata.problems(self._product, self._time)
+        asked = self._rendering_space()
+        if asked and not working_space(asked):
+            where = f"{self._settings.GetPath()}.renderingColorSpace"
+            yield finding("rendering-space", where, repr(asked), f"one of {', '.join(LINEAR)}")
+
+    def _authored(self, prim: Usd.Prim) -> dict[str, Any]:
+        """Return the values of `RenderSettings` that a prim authors."""
+        attributes = {knob: prim.GetAttribute(name) for name, knob in usd_names().items()}
+        return {
+            knob: attribute.Get()
+            for knob, attribute in attributes.items()
+            if attribute and attribute.HasAuthoredValue()
+        }
 
     def _render_settings(self, overrides: Mapping[str, Any]) -> RenderSettings:
-        values = {}
-        for prim in (self._settings, self._product):
-            for name, knob in usd_names().items():
-                attribute = prim.GetAttribute(name)
-                if attribute and attribute.HasAuthoredValue():
-                    values[knob] = attribute.Get()
+        values = self._authored(self._settings) | self._authored(self._product)
+        if product_metadata.is_multipart(self._product):
+            values.setdefault("multipart", True)
         if "compression" not in values and (asked := product_metadata.compression(self._product)):
             values["compression"] = asked
+        if "working_space" not in values and (space := working_space(self._rendering_space())):
+            values["working_space"] = space
         for knob, disablers in DISABLERS.items():
             if any(self._value(name) for name in disablers):
                 values[knob] = False
         checked(str(self._product.GetPath()), RenderSettings, values)
         return checked("render settings", RenderSettings, {**values, **overrides})
 
+    def _rendering_space(self) -> str:
+        """Return the name of the colour space that the settings render in; "" for none."""
+        attribute = self._settings.GetAttribute(UsdRender.Tokens.renderingColorSpace)
+        found = attribute.Get() if attribute else None
+        return str(found or "")
+
     def foreign(self) -> tuple[Finding, ...]:
         """Return a finding for each var that is not supported, such as a light path."""
         sources = [
             (str(var.GetPath()), str(var.GetSourceNameAttr().Get())) for var in self._all_vars()
         ]
+        names = ", ".join(dict.fromkeys(AOVS.values()))
         return tuple(
-            finding("unknown-var", f"{path}.sourceName", repr(name), f"one of {', '.join(AOVS)}")
+            finding("unknown-var", f"{path}.sourceName", repr(name), f"one of {names}")
             for path, name in sources
             if name not in AOVS
         )

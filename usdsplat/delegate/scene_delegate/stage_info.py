@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from pxr import Usd, UsdGeom
 
+from usdsplat.delegate.instancing import Placement
 from usdsplat.delegate.stage_info import StageInfo
 from usdsplat.schema.value_clips import clip_files, file_of, layers_without_clips
 
 
-def read_stage_info(stage: Usd.Stage, *, prims: tuple[str, ...]) -> StageInfo:
-    """Return the rates, the unit and the files of a stage, and its drawable prims as given."""
+def read_stage_info(stage: Usd.Stage, placed: Iterable[Placement]) -> StageInfo:
+    """Return the rates, the unit and the files of a stage, and the names of what can be drawn.
+
+    Args:
+        stage: The stage.
+        placed: Placements of all prims that can be drawn.
+    """
+    prims = {each.path: each.asset or each.path for each in placed}
     session = stage.GetSessionLayer()
     layers = [layer for layer in layers_without_clips(stage) if layer != session]
     is_saved = all(layer.realPath and not layer.dirty for layer in layers)
@@ -20,5 +29,6 @@ def read_stage_info(stage: Usd.Stage, *, prims: tuple[str, ...]) -> StageInfo:
         meters_per_unit=UsdGeom.GetStageMetersPerUnit(stage),
         files=tuple(sorted({file_of(layer.realPath) for layer in layers})) if is_saved else (),
         clips=tuple(sorted(clip_files(stage))),
-        prims=prims,
+        prims=tuple(sorted(prims)),
+        assets=tuple(sorted(set(prims.values()))),
     )

@@ -36,8 +36,8 @@ def _unfinished(layer: Sdf.Layer, record: Mapping[str, Any]) -> Finding:
         found += " with a damaged record"
         return finding("unfinished-bake", "/", found, "completedFrames and frameRange")
     first, last = record["frameRange"]
-    found += f", with {counted(record['completedFrames'], 'frame')}"
-    return finding("unfinished-bake", "/", found, f"all from {first:g} to {last:g}")
+    found += f", with {counted(record['completedFrames'], 'frame')} complete"
+    return finding("unfinished-bake", "/", found, f"all frames from {first:g} to {last:g}")
 
 
 def _is_layer(layer: Sdf.Layer, path: str) -> bool:
