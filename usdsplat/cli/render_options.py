@@ -18,7 +18,7 @@ DrawingFlags: Any = flags_of(
 )  # fmt: skip
 LevelFlags: Any = flags_of(
     RenderSettings,
-    ("lod_error", "lod_samples", "node_memory", "node_lifetime"),
+    ("lod_error", "lod_samples", "node_wait", "node_memory", "node_lifetime"),
     about="Levels of detail of splat trees.",
 )
 SamplingFlags: Any = flags_of(

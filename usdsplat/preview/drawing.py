@@ -305,7 +305,7 @@ def _follow(state: ViewState, scenes: tuple[Scene, ...]) -> bool:
 def _job(state: ViewState, scene: Scene, quality: Quality) -> _Job:
     settings = scene.look.settings
     if not quality.averages:
-        settings = replace(settings, samples=1, lod_samples=1)
+        settings = replace(settings, samples=1, lod_samples=1, node_wait=False)
     if quality.splats is not None:
         settings = replace(settings, splat_budget=quality.splats)
     view = view_of(scene, state.size, quality.scale)

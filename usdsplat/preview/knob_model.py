@@ -70,7 +70,7 @@ _GROUPS: Mapping[str, tuple[str, ...]] = {
         "splat_budget",
         "blend_space",
     ),
-    "Levels of detail": ("lod_error", "lod_samples", "node_memory", "node_lifetime"),
+    "Levels of detail": ("lod_error", "lod_samples", "node_wait", "node_memory", "node_lifetime"),
     "Colour": (
         "color_mode",
         "working_space",

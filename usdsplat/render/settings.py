@@ -52,9 +52,14 @@ class RenderSettings:
         range=(0.0, 1000.0),
     )
     lod_samples: int = knob(
-        3,
+        2,
         "number of samples along each axis of a pixel for the coarse levels of splat trees",
         range=(1, 8),
+    )
+    node_wait: bool = knob(
+        True,
+        "whether a picture waits until the levels that it needs are read; otherwise coarser ones "
+        "are drawn in their place",
     )
     node_memory: int = knob(
         4096,

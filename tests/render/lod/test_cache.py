@@ -159,3 +159,22 @@ def test_a_closed_cache_is_empty_and_has_no_threads(cache):
     assert cache.bytes == 0 and "a" not in cache
     assert not [each for each in threading.enumerate() if each.name.startswith("node")]
     assert len(get(cache, source, "a")["a"]) == 250
+
+
+def test_what_is_not_waited_for_is_read_meanwhile_or_cancelled(cache):
+    """Oracle: the reads. Four threads read; what waits for one is cancelled, the rest arrives."""
+    source, go = Source(), threading.Event()
+
+    def blocked(name):
+        assert go.wait(20)
+        return source.read(name)
+
+    names = "abcdefgh"
+    wanted = {n: Request(read=lambda n=n: blocked(n), size=SIZE) for n in names}
+    assert cache.get(wanted, limit=100 * SIZE, lifetime=9.0, waits=False) == {}
+    cache.cancel_others({"h"})
+    go.set()
+    get(cache, source, "h")
+    assert set("h") <= set(source.reads) <= set("abcdh")
+    found = cache.get({"h": wanted["h"]}, limit=100 * SIZE, lifetime=9.0, waits=False)
+    assert len(found["h"]) == 250

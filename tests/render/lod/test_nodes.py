@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from dataclasses import replace
 
 import numpy as np
@@ -280,3 +281,27 @@ def test_deep_samples_of_leaves_are_those_of_the_field():
     ):
         for a, b in zip(found, expected, strict=True):
             np.testing.assert_array_equal(a, b)
+
+
+def test_without_waiting_the_nearest_level_in_memory_is_drawn():
+    """Oracle: pictures at cuts that are chosen by hand. The root must be read at first; leaves that
+    are not read are replaced by it, and never leave a hole."""
+    tree = made(19, leaf=110)
+    allowed = threading.Event()
+
+    def load(chunk, first, count):
+        if chunk > 0:
+            assert allowed.wait(20)
+        return tree.load(chunk, first, count)
+
+    scene, view = tree_scene(tree, load=load), view_of(lens())
+    settings = {"aovs": ("color",), "lod_samples": 1}
+    soon = picture(scene, view, lod_error=0.0, node_wait=False, **settings)["color"]
+    whole = tree_scene(tree)
+    root = picture(whole, view, lod_error=1000.0, **settings)["color"]
+    np.testing.assert_array_equal(soon, root)
+    allowed.set()
+    found = picture(scene, view, lod_error=0.0, **settings)["color"]
+    np.testing.assert_array_equal(found, picture(whole, view, lod_error=0.0, **settings)["color"])
+    again = picture(scene, view, lod_error=0.0, node_wait=False, **settings)["color"]
+    np.testing.assert_array_equal(again, found)

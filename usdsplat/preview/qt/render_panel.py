@@ -29,7 +29,7 @@ from usdsplat.render.settings import FILE_KNOBS
 DEVICES = ("auto", "cpu", "cuda")
 FIRST = {
     "Splats": ("display_mode", "splat_budget", "sh_degree", "sorting", "rasterize_mode"),
-    "Levels of detail": ("lod_error", "lod_samples", "node_memory", "node_lifetime"),
+    "Levels of detail": ("lod_error", "lod_samples", "node_wait", "node_memory", "node_lifetime"),
     "Colour": (
         *("color_mode", "blend_space", "working_space"),
         *("ocio_config", "ocio_display", "ocio_view", "ocio_look", "inverse_max"),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections import OrderedDict
-from collections.abc import Callable, Hashable, Mapping
+from collections.abc import Callable, Collection, Hashable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, fields
 
@@ -51,6 +51,8 @@ class NodeCache:
         self._lock = threading.Lock()
         self._entries: OrderedDict[Hashable, _Entry] = OrderedDict()
         self._reading: dict[Hashable, Future[Result]] = {}
+        self._ahead: set[Hashable] = set()
+        """Keys that are read although nobody waits for them."""
         self._pool: ThreadPoolExecutor | None = None
 
     def __contains__(self, key: Hashable) -> bool:
@@ -64,17 +66,24 @@ class NodeCache:
             return self._bytes()
 
     def get(
-        self, wanted: Mapping[Hashable, Request], *, limit: int, lifetime: float
+        self,
+        wanted: Mapping[Hashable, Request],
+        *,
+        limit: int,
+        lifetime: float,
+        waits: bool = True,
     ) -> dict[Hashable, Result]:
-        """Return splats, or the error of those that cannot be read. Wait until all are read.
+        """Return splats, or the error of those that cannot be read.
 
         Others are dropped if they were not wanted for `lifetime` [s], and before that, the least
         recently used first, if all would exceed the limit.
 
         Args:
-            wanted: What to return, by keys that stand for the content.
+            wanted: What to return, by keys that stand for the content, the most urgent first.
             limit: Maximum number of bytes.
             lifetime: See above.
+            waits: Whether to wait until all are read. Otherwise the result has those in memory, and
+                the others are read in the meantime.
 
         Raises:
             UsageError: If what is wanted exceeds the limit.
@@ -93,9 +102,22 @@ class NodeCache:
             missing = wanted.keys() - found.keys()
             self._make_room(wanted, limit - sum(wanted[key].size for key in missing), now, lifetime)
             pending = {key: self._submit(key, wanted[key]) for key in wanted if key in missing}
+            if not waits:
+                self._ahead |= missing
+                return found
+            self._ahead -= missing
         for key, future in pending.items():
             found[key] = future.result()
         return found
+
+    def cancel_others(self, keys: Collection[Hashable]) -> None:
+        """Cancel what nobody waits for, unless it is being read or one of `keys`."""
+        with self._lock:
+            for key in self._ahead - set(keys):
+                future = self._reading.get(key)
+                if future is None or future.cancel():
+                    self._reading.pop(key, None)
+                    self._ahead.discard(key)
 
     def drop(self, keys: set[Hashable]) -> None:
         """Drop splats, such as those of edited chunks."""
@@ -108,9 +130,11 @@ class NodeCache:
         with self._lock:
             pool, self._pool = self._pool, None
         if pool is not None:
-            pool.shutdown(wait=True)
+            pool.shutdown(wait=True, cancel_futures=True)
         with self._lock:
             self._entries.clear()
+            self._reading.clear()
+            self._ahead.clear()
 
     # --- private ---------------------------------------------------------------------------
 
@@ -137,6 +161,10 @@ class NodeCache:
             self._reading[key] = self._pool.submit(self._read, key, request)
         return self._reading[key]
 
+    def _finish(self, key: Hashable) -> None:
+        self._reading.pop(key, None)
+        self._ahead.discard(key)
+
     def _read(self, key: Hashable, request: Request) -> Result:
         result: Result
         try:
@@ -146,10 +174,10 @@ class NodeCache:
             result, size = error, 0
         except BaseException:
             with self._lock:
-                del self._reading[key]
+                self._finish(key)
             raise
         with self._lock:
-            del self._reading[key]
+            self._finish(key)
             self._entries[key] = _Entry(result, size, self._clock())
         return result
 

@@ -3,51 +3,30 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Hashable, Iterator, Sequence
+from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 
-from usdsplat.core.cloud import F64, SplatCloud
+from usdsplat.core.cloud import SplatCloud
 from usdsplat.core.errors import UsdSplatError
 from usdsplat.render import sampling
 from usdsplat.render.draw_list import DrawList, draw_list
 from usdsplat.render.fields import Drawn, Field
-from usdsplat.render.lod.cache import MIB, NodeCache, Request
-from usdsplat.render.lod.cut import Cut, TreeView, choose
-from usdsplat.render.lod.tree import Tree, TreeSpec
+from usdsplat.render.lod.cache import MIB, NodeCache, Request, Result
+from usdsplat.render.lod.cut import Cut, choose
+from usdsplat.render.lod.gathering import TimeSampler, gathered
+from usdsplat.render.lod.tree import TreeSpec
 from usdsplat.render.sampling import Sample
 from usdsplat.render.scene import RenderScene
 from usdsplat.render.screen import Screen
 from usdsplat.render.settings import RenderSettings
 from usdsplat.render.spatial_order import StorageOrder
-from usdsplat.render.specs import FieldSpec, InstanceSpec, View
+from usdsplat.render.specs import FieldSpec, View
 
 Part = tuple[int, bool]
 """Node, and whether its proxies are meant; else its splats of the capture."""
-TimeSampler = Callable[[float], tuple[RenderScene, View]]
-
-
-@dataclass(slots=True, eq=False)
-class _Seen:
-    """A tree in all samples of a picture."""
-
-    tree: Tree
-    spec: TreeSpec
-    rows: dict[tuple[str, int], int]
-    """(path, index) of an instance -> its row in the cut."""
-    transforms: F64
-    """Shape (k, m, 4, 4)."""
-
-    def view(self) -> TreeView:
-        """Return the tree as `choose` takes it."""
-        return TreeView(
-            table=self.spec.table,
-            transforms=self.transforms,
-            closed=frozenset(self.tree.closed),
-            tangential=self.spec.projection_mode == "tangential",
-        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,7 +56,7 @@ class PictureNodes:
     ) -> None:
         self._settings = settings
         self._fades = settings.lod_samples > 1 or settings.samples > 1
-        scene, screens, self._seen = _gathered(sampler, plan)
+        scene, screens, self._seen = gathered(sampler, plan)
         budget = settings.splat_budget
         self._cut, self._fields = self._loaded(
             scene.node_cache, screens, _tree_budget(scene, settings)
@@ -157,29 +136,28 @@ class PictureNodes:
     ) -> tuple[Cut, dict[tuple[str, Part], Field]]:
         """Choose the cut and read it. If a node cannot be read, its parent is drawn in place of it
         and its siblings."""
-        settings = self._settings
+        coarse: dict[str, set[int]] = {path: set() for path in self._seen}
+        asked: set[Hashable] = set()
         while True:
-            views = [each.view() for each in self._seen.values()]
-            cut = choose(views, screens, error=settings.lod_error, budget=budget)
+            views = [each.view(coarse[path]) for path, each in self._seen.items()]
+            cut = choose(views, screens, error=self._settings.lod_error, budget=budget)
             wanted = dict(self._wanted(cut))
             for path, seen in self._seen.items():  # others must not keep what the cache drops
                 kept = {k: each for k, each in seen.tree.fields.items() if (path, k) in wanted}
                 seen.tree.fields = kept
-            keys = {name: self._key(name) for name in wanted}
-            requests = {keys[name]: request for name, request in wanted.items()}
-            found = cache.get(
-                requests,
-                limit=settings.node_memory * MIB,
-                lifetime=settings.node_lifetime,
-            )
-            results = {name: found[key] for name, key in keys.items()}
+            results = self._read(cache, wanted, waits=self._settings.node_wait)
+            asked.update(map(self._key, wanted))
+            missing = wanted.keys() - results.keys()
+            needed = {name: wanted[name] for name in missing if not self._replace(name, coarse)}
+            results |= self._read(cache, needed, waits=True)
             failed = {
                 name: result
                 for name, result in results.items()
                 if isinstance(result, UsdSplatError)
             }
-            if not self._give_up(failed):
+            if not self._give_up(failed) and len(missing) == len(needed):
                 break
+        cache.cancel_others(asked)
         fields = {
             name: self._field(name, result)
             for name, result in results.items()
@@ -188,13 +166,15 @@ class PictureNodes:
         return cut, fields
 
     def _wanted(self, cut: Cut) -> Iterator[tuple[tuple[str, Part], Request]]:
-        """Yield the parts of nodes that any sample draws, and how to read them."""
-        names: set[tuple[str, Part]] = set()
+        """Yield the parts of nodes that any sample draws, and how to read them, those that replace
+        the largest errors first."""
+        urgent: dict[tuple[str, Part], float] = {}
         for (path, seen), reached in zip(self._seen.items(), cut.trees, strict=True):
             kept = reached.keeping(reached.seen)
             refined = kept.errors > self._last_error(cut)  # the others are drawn in some sample
-            names |= {(path, part) for part, _ in _parts(seen.spec, kept.nodes, refined)}
-        for path, part in sorted(names):
+            for part, rows in _parts(seen.spec, kept.nodes, refined):
+                urgent[path, part] = float(kept.above[rows].max())
+        for path, part in sorted(urgent, key=lambda name: (-urgent[name], name)):
             seen = self._seen[path]
             if part[0] in seen.tree.lost:
                 continue
@@ -203,6 +183,30 @@ class PictureNodes:
             chunk = int(spec.table.chunk[part[0]])
             read = partial(spec.load, chunk, first, count)
             yield (path, part), Request(read=read, size=count * spec.splat_bytes)
+
+    def _read(
+        self, cache: NodeCache, wanted: dict[tuple[str, Part], Request], *, waits: bool
+    ) -> dict[tuple[str, Part], Result]:
+        """Return the splats of parts of nodes, or why they cannot be read."""
+        keys = {name: self._key(name) for name in wanted}
+        found = cache.get(
+            {keys[name]: request for name, request in wanted.items()},
+            limit=self._settings.node_memory * MIB,
+            lifetime=self._settings.node_lifetime,
+            waits=waits,
+        )
+        return {name: found[key] for name, key in keys.items() if key in found}
+
+    def _replace(self, name: tuple[str, Part], coarse: dict[str, set[int]]) -> bool:
+        """Draw the parent in place of a node that is not in memory; return False if there is none
+        with proxies."""
+        path, (node, _) = name
+        seen = self._seen[path]
+        parent = int(seen.parents[node])
+        if parent < 0 or not seen.spec.table.proxies[parent]:
+            return False
+        coarse[path].add(parent)
+        return True
 
     def _last_error(self, cut: Cut) -> float:
         """Return the largest error [pixel] of an inner node that any sample draws."""
@@ -223,7 +227,7 @@ class PictureNodes:
         for (path, (node, _)), error in failed.items():
             tree = self._seen[path].tree
             tree.problems[int(tree.spec.table.chunk[node])] = error
-            parent = int(tree.spec.table.parents()[node])
+            parent = int(self._seen[path].parents[node])
             if parent < 0 or not tree.spec.table.proxies[parent] or parent in tree.closed:
                 tree.lost.add(node)
             else:
@@ -259,7 +263,7 @@ class PictureNodes:
 
 def view_cut(scene: RenderScene, view: View, settings: RenderSettings) -> Cut:
     """Return the cut of a view, without reading its nodes."""
-    _, screens, seen = _gathered(lambda _: (scene, view), (Sample(),))
+    _, screens, seen = gathered(lambda _: (scene, view), (Sample(),))
     views = [each.view() for each in seen.values()]
     budget = _tree_budget(scene, settings)
     return choose(views, screens, error=settings.lod_error, budget=budget)
@@ -334,38 +338,3 @@ def _rows(spec: TreeSpec, part: Part) -> tuple[int, int]:
     if not table.child_count[node]:
         return first, proxies + residents
     return (first, proxies) if is_inner else (first + proxies, residents)
-
-
-def _gathered(
-    sampler: TimeSampler, plan: Sequence[Sample]
-) -> tuple[RenderScene, list[Screen], dict[str, _Seen]]:
-    """Return the scene at the picture's time, and its trees and screens in all samples."""
-    poses: list[tuple[Screen, dict[str, tuple[InstanceSpec, ...]]]] = []
-    trees: dict[str, Tree] = {}
-    margin = math.ceil(max(max(map(abs, each.offset)) for each in plan))
-    lenses = sorted({(each.time, each.lens) for each in plan})
-    for time in sorted({time for time, _ in lenses}):
-        scene, view = sampler(time)
-        found = scene.drawn_trees()
-        trees |= dict(found)
-        placed = {path: tree.instances for path, tree in found}
-        screen = Screen.of(view)
-        x0, y0, x1, y1 = screen.window
-        screen = replace(screen, window=(x0 - margin, y0 - margin, x1 + margin, y1 + margin))
-        for at, lens in lenses:
-            if at == time:
-                through = screen.through(lens, view.camera.focus_distance, (0.0, 0.0))
-                poses.append((through, placed))
-    scene, _ = sampler(0.0)
-    seen = {}
-    for path, tree in sorted(trees.items()):
-        names = dict.fromkeys(
-            (each.path, each.index) for _, placed in poses for each in placed.get(path, ())
-        )
-        rows = {name: row for row, name in enumerate(names)}
-        transforms = np.full((len(poses), len(rows), 4, 4), np.nan)
-        for matrices, (_, placed) in zip(transforms, poses, strict=True):
-            for each in placed.get(path, ()):
-                matrices[rows[each.path, each.index]] = np.reshape(each.transform, (4, 4))
-        seen[path] = _Seen(tree, tree.spec, rows, transforms)
-    return scene, [screen for screen, _ in poses], seen

@@ -1,0 +1,83 @@
+"""Gather the trees and screens of all samples of a picture."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from usdsplat.core.cloud import F64, I32
+from usdsplat.render.lod.cut import TreeView
+from usdsplat.render.lod.tree import Tree, TreeSpec
+from usdsplat.render.sampling import Sample
+from usdsplat.render.scene import RenderScene
+from usdsplat.render.screen import Screen
+from usdsplat.render.specs import InstanceSpec, View
+
+TimeSampler = Callable[[float], tuple[RenderScene, View]]
+
+
+@dataclass(eq=False)
+class SeenTree:
+    """A tree in all samples of a picture."""
+
+    tree: Tree
+    spec: TreeSpec
+    rows: dict[tuple[str, int], int]
+    """(path, index) of an instance -> its row in the cut."""
+    transforms: F64
+    """Shape (k, m, 4, 4)."""
+
+    @cached_property
+    def parents(self) -> I32:
+        """Parent of each node, -1 for the root."""
+        return self.spec.table.parents()
+
+    def view(self, coarse: Collection[int] = ()) -> TreeView:
+        """Return the tree as `choose` takes it; nodes of `coarse` are not refined."""
+        return TreeView(
+            table=self.spec.table,
+            transforms=self.transforms,
+            closed=frozenset(self.tree.closed).union(coarse),
+            tangential=self.spec.projection_mode == "tangential",
+        )
+
+
+def gathered(
+    sampler: TimeSampler, plan: Sequence[Sample]
+) -> tuple[RenderScene, list[Screen], dict[str, SeenTree]]:
+    """Return the scene at the picture's time, and its trees and screens in all samples."""
+    poses: list[tuple[Screen, dict[str, tuple[InstanceSpec, ...]]]] = []
+    trees: dict[str, Tree] = {}
+    margin = math.ceil(max(max(map(abs, each.offset)) for each in plan))
+    lenses = sorted({(each.time, each.lens) for each in plan})
+    try:
+        for time in sorted({time for time, _ in lenses}):
+            scene, view = sampler(time)
+            found = scene.drawn_trees()
+            trees |= dict(found)
+            placed = {path: tree.instances for path, tree in found}
+            screen = Screen.of(view)
+            x0, y0, x1, y1 = screen.window
+            screen = replace(screen, window=(x0 - margin, y0 - margin, x1 + margin, y1 + margin))
+            for at, lens in lenses:
+                if at == time:
+                    through = screen.through(lens, view.camera.focus_distance, (0.0, 0.0))
+                    poses.append((through, placed))
+    finally:  # samples move the scene in time; return to the frame, also after an error
+        scene, _ = sampler(0.0)
+    seen = {}
+    for path, tree in sorted(trees.items()):
+        names = dict.fromkeys(
+            (each.path, each.index) for _, placed in poses for each in placed.get(path, ())
+        )
+        rows = {name: row for row, name in enumerate(names)}
+        transforms = np.full((len(poses), len(rows), 4, 4), np.nan)
+        for matrices, (_, placed) in zip(transforms, poses, strict=True):
+            for each in placed.get(path, ()):
+                matrices[rows[each.path, each.index]] = np.reshape(each.transform, (4, 4))
+        seen[path] = SeenTree(tree, tree.spec, rows, transforms)
+    return scene, [screen for screen, _ in poses], seen
