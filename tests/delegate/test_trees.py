@@ -152,8 +152,8 @@ def test_a_missing_chunk_is_one_finding_and_its_parent_stays(tmp_path):
     with Engine(stage, device="cpu") as engine:
         view = engine.view("/Camera", resolution=(80, 60))
         found = engine.picture(view, LEAVES, ("color", "elementId"))
-        (finding,) = [each for each in engine.findings if each.code == "bad-chunk"]
-        assert f"no file for the chunk ./tree_chunks/{leaf:04}.usdc" in finding.message
+        (finding,) = [each for each in engine.findings if each.code == "missing-chunk"]
+        assert f"without {leaf:04}.usdc in ./tree_chunks" in finding.message
         assert found["elementId"].max() >= len(tree.leaves())  # proxies of the parent
 
 
@@ -165,9 +165,9 @@ def test_a_moved_folder_is_one_finding_that_names_it(tmp_path):
     with Engine(stage, device="cpu") as engine:
         view = engine.view("/Camera", resolution=(80, 60))
         assert engine.picture(view, LEAVES)["color"].max() == 0
-        (finding,) = [each for each in engine.findings if each.code == "bad-chunk"]
-    count = len(tree.table)
-    assert f"no files for {count} of {count} chunks in the folder ./tree_chunks" in finding.message
+        (finding,) = [each for each in engine.findings if each.code == "missing-chunk"]
+    assert f"none of {len(tree.table)} chunks" in finding.message
+    assert "in ./tree_chunks" in finding.message
 
 
 def test_a_broken_chunk_says_why(tmp_path):
@@ -179,12 +179,12 @@ def test_a_broken_chunk_says_why(tmp_path):
     with Engine(stage, device="cpu") as engine:
         view = engine.view("/Camera", resolution=(80, 60))
         assert engine.picture(view, LEAVES)["color"].max() > 0
-        (finding,) = [each for each in engine.findings if each.code == "bad-chunk"]
-    assert "a chunk that cannot be read" in finding.message
+        (finding,) = [each for each in engine.findings if each.code == "broken-chunk"]
+    assert f"{leaf:04}.usdc: " in finding.message
 
 
 def test_a_table_that_lies_is_not_drawn(tmp_path):
-    """Oracle: the finding of a field that cannot be read."""
+    """Oracle: the finding that `validate` has."""
     stage, _ = tree_stage(tmp_path)
     add_camera(stage)
     prim = stage.GetPrimAtPath("/World/Tree")
@@ -192,7 +192,9 @@ def test_a_table_that_lies_is_not_drawn(tmp_path):
     with Engine(stage, device="cpu") as engine:
         view = engine.view("/Camera", resolution=(80, 60))
         assert engine.picture(view, LEAVES)["color"].max() == 0
-        assert [each.code for each in engine.findings if each.severity == "error"] == ["not-drawn"]
+        assert [each.code for each in engine.findings if each.severity == "error"] == [
+            "broken-tree"
+        ]
 
 
 def test_a_tree_that_becomes_a_field_and_back_is_drawn_as_each(tmp_path):

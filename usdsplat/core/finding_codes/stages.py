@@ -45,12 +45,6 @@ CODES: dict[str, Code] = {
         "correct the values that the sentence names",
         "it is not drawn",
     ),
-    "bad-chunk": Code(
-        "error",
-        "a chunk of a splat tree is missing or cannot be read",
-        "restore the folder of chunks beside the tree, or build it again with usdsplat lod",
-        "the coarser level above it is drawn",
-    ),
     "left-out": Code(
         "warning",
         "a part of a surface, such as a primvar or a subset, cannot be used",

@@ -243,7 +243,7 @@ class UsdSceneDelegate:
     def tree(self, path: str) -> TreeSpec | None:
         """Implement `SceneDelegate.tree`."""
         prim = self._population.fields[path].prim
-        return self._pull("field", path, partial(self._chunks.read, path, prim, self.time), None)
+        return self._pull("tree", path, partial(self._chunks.read, path, prim, self.time), None)
 
     def mesh(self, path: str, bits: DirtyBits) -> MeshSpec | None:
         """Implement `SceneDelegate.mesh`."""

@@ -139,6 +139,7 @@ class Population:
             return path in self.fields or path in self.meshes
         prims = {
             "field": self.fields,
+            "tree": self.fields,
             "crops": self.fields,
             "values": self.fields,
             "mesh": self.meshes,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 UNREADABLE = {
     "field": "not-drawn",
+    "tree": "broken-tree",
     "mesh": "not-drawn",
     "instancer": "bad-instancer",
     "camera": "bad-camera",

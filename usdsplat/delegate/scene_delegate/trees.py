@@ -6,25 +6,24 @@ Chunks are layers that no stage composes. Their edits and their files are theref
 from __future__ import annotations
 
 import os
-import posixpath
 import threading
 import time
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from pathlib import Path
 from typing import Any, cast
 
 from pxr import Sdf, Tf, Usd
 
 from usdsplat import schema
 from usdsplat.core.cloud import SplatCloud
-from usdsplat.core.errors import StageError
-from usdsplat.core.findings import Finding, finding
+from usdsplat.core.errors import StageError, UsdSplatError
+from usdsplat.core.findings import Finding
 from usdsplat.images.color import color_space
 from usdsplat.images.grade import grade_matrix
 from usdsplat.render.lod.tree import TreeSpec
 from usdsplat.render.specs import ProjectionMode, RasterizeMode, SortingMode
-from usdsplat.schema.tree import read_chunk, read_tree
+from usdsplat.schema.tree import Tree, read_chunk, read_tree
+from usdsplat.schema.validation.trees import broken_chunks, missing_chunks
 
 CHUNKS = "splat:chunks"
 PROPERTIES = ("splat:node", CHUNKS, "splat:lod:")
@@ -44,8 +43,7 @@ class Chunks:
         self._lock = threading.Lock()
         self._changed: set[str] = set()
         self._edits: Counter[str] = Counter()
-        self._of_trees: dict[str, tuple[str, ...]] = {}
-        """Path of a tree -> paths of its chunks."""
+        self._of_trees: dict[str, Tree] = {}
         self._tokens: dict[str, tuple[Any, ...]] = {}
         self._looked = 0.0
         """When the files were looked at [s]."""
@@ -61,7 +59,7 @@ class Chunks:
             kind = Sdf.Notice.LayersDidChange
             self._key = Tf.Notice.RegisterGlobally(kind, self._collect)
         tree = read_tree(prim)
-        self._of_trees[path] = tree.chunks
+        self._of_trees[path] = tree
         tokens = {each: self._token(each) for each in tree.chunks}
         self._tokens |= tokens
         space = tree.color_space
@@ -87,47 +85,32 @@ class Chunks:
         """
         with self._lock:
             changed, self._changed = self._changed, set()
-        chunks = {chunk for tree in self._of_trees.values() for chunk in tree}
+        chunks = {chunk for tree in self._of_trees.values() for chunk in tree.chunks}
         self._edits.update(changed & chunks)
         now = time.monotonic()
         if now - self._looked >= POLL:
             self._looked = now
             changed |= {each for each in chunks if self._tokens.get(each) != self._token(each)}
-        return {path for path, tree in self._of_trees.items() if changed.intersection(tree)}
+        return {path for path, tree in self._of_trees.items() if changed.intersection(tree.chunks)}
 
     def keep(self, paths: Collection[str]) -> None:
         """Forget all trees but those at `paths`."""
         self._of_trees = {path: each for path, each in self._of_trees.items() if path in paths}
 
     def findings(
-        self, path: str, prim: Usd.Prim, problems: Mapping[int, Exception]
+        self, path: str, prim: Usd.Prim, problems: Mapping[int, UsdSplatError]
     ) -> Iterator[Finding]:
         """Yield what is wrong with the chunks of the tree at `path`.
 
-        If all missing ones belong in one folder, they are one finding.
-
         Args:
+            path: Path of the tree.
+            prim: Its prim.
             problems: Chunk -> why it could not be read.
         """
-        authored = prim.GetAttribute(CHUNKS).Get() or ()
-        resolved = self._of_trees.get(path, ())
-        lost = {
-            number: asset.path
-            for number, (asset, found) in enumerate(zip(authored, resolved, strict=False))
-            if not found or not Path(found).exists()
-        }
-        folders = {posixpath.dirname(each) for each in lost.values()}
-        if len(lost) > 1 and len(folders) == 1:
-            said = f"no files for {len(lost)} of {len(resolved)} chunks in the folder"
-            expected = "the layers that were written with the tree"
-            yield finding("bad-chunk", path, f"{said} {folders.pop() or '.'}", expected)
-        else:
-            for each in lost.values():
-                yield finding("bad-chunk", path, f"no file for the chunk {each}", "a layer")
-        for number, error in sorted(problems.items()):
-            if number not in lost:
-                said = f"a chunk that cannot be read ({error})"
-                yield finding("bad-chunk", path, said, "a layer with a splat field")
+        tree = self._of_trees[path]
+        yield from missing_chunks(prim, tree)
+        there = [number for number in sorted(problems) if tree.chunks[number]]
+        yield from broken_chunks(prim, [problems[number] for number in there])
 
     def close(self) -> None:
         """Stop watching."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from pxr import Usd
@@ -93,6 +93,11 @@ def _broken_chunks(prim: Usd.Prim, tree: Tree) -> Iterator[Finding]:
                 raise StageError(path, found, f"{tree.degree}, as in the tree")
         except StageError as error:
             wrong.append(error)
+    yield from broken_chunks(prim, wrong)
+
+
+def broken_chunks(prim: Usd.Prim, wrong: Sequence[UsdSplatError]) -> Iterator[Finding]:
+    """Yield a finding for the first of the errors of a tree's chunks, if there are any."""
     if wrong:
         first = wrong[0]
         more = f" (and {counted(len(wrong) - 1, 'more chunk')})" if len(wrong) > 1 else ""
