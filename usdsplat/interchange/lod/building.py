@@ -161,6 +161,7 @@ class _Job:
         if not runs.counts.sum():
             raise StageError(self.surveys[0].name, "no splat that can be drawn", "one or more")
         root = partition(runs, options.leaf_splats)
+        runs.unmap()
         device = open_device(task="geometry")
         done, total = 0, root.span.count
 

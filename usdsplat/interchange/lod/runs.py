@@ -19,6 +19,7 @@ KEYS, ROWS = ".keys", ".rows"
 """Suffixes of the two files of a run."""
 
 _BLOCK = 1 << 16  # rows written at a time
+_KEY = np.dtype("<u8")
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -78,7 +79,7 @@ def write_run(path: Path, cloud: SplatCloud, cube: Cube) -> None:
     names = row_type(cloud.sh_degree).names or ()
     with output_group():
         with output_file(path.with_suffix(KEYS)) as output, output.open() as file:
-            file.write(keys[order].astype("<u8").data)
+            file.write(keys[order].astype(_KEY).data)
         with output_file(path.with_suffix(ROWS)) as output, output.open() as file:
             for first in range(0, len(order), _BLOCK):
                 block = order[first : first + _BLOCK]
@@ -102,35 +103,42 @@ class Runs:
     """
 
     def __init__(self, paths: Sequence[Path], degree: int) -> None:
-        self._paths = [path.with_suffix(ROWS) for path in paths]
+        self._rows = [path.with_suffix(ROWS) for path in paths]
+        self._keys = [path.with_suffix(KEYS) for path in paths]
+        self._mapped: list[npt.NDArray[np.uint64]] = []
         self._type = row_type(degree)
-        self._keys = [_keys(path.with_suffix(KEYS)) for path in paths]
-        self.counts: I64 = np.array([len(keys) for keys in self._keys], np.int64)
+        sizes = [path.stat().st_size // _KEY.itemsize for path in self._keys]
+        self.counts: I64 = np.array(sizes, np.int64)
         """Number of splats of each run."""
 
     def below(self, edges: npt.NDArray[np.uint64]) -> I64:
         """Return the number of keys of each run that are below each edge, shape (r, e)."""
-        return np.stack([np.searchsorted(keys, edges) for keys in self._keys])
+        if not self._mapped:
+            self._mapped = [_map(path) for path in self._keys]
+        return np.stack([np.searchsorted(keys, edges) for keys in self._mapped])
+
+    def unmap(self) -> None:
+        """Release the keys, which `below` maps: what it read of them counts as memory."""
+        self._mapped = []
 
     def gather(self, first: I64, last: I64) -> SplatCloud:
         """Return rows `first` to `last` of each run, merged in the order of their keys."""
         used = [int(run) for run in np.flatnonzero(last > first)]
-        parts = [self._read(run, int(first[run]), int(last[run])) for run in used]
+        ranges = [(run, int(first[run]), int(last[run])) for run in used]
+        parts = [_read(self._rows[run], self._type, *rows) for run, *rows in ranges]
         if not parts:
             return cloud_of(np.empty(0, self._type))
         if len(parts) == 1:
             return cloud_of(parts[0])
-        keys = np.concatenate([self._keys[run][first[run] : last[run]] for run in used])
+        keys = np.concatenate([_read(self._keys[run], _KEY, *rows) for run, *rows in ranges])
         return cloud_of(np.concatenate(parts)[np.argsort(keys, kind="stable")])
 
-    def _read(self, run: int, first: int, last: int) -> npt.NDArray[np.void]:
-        """Return some rows of a run."""
-        offset = first * self._type.itemsize
-        return np.fromfile(self._paths[run], self._type, last - first, offset=offset)
+
+def _read(path: Path, kind: np.dtype[Any], first: int, last: int) -> npt.NDArray[Any]:
+    """Return some items of a file."""
+    return np.fromfile(path, kind, last - first, offset=first * kind.itemsize)
 
 
-def _keys(path: Path) -> npt.NDArray[np.uint64]:
+def _map(path: Path) -> npt.NDArray[np.uint64]:
     """Map the keys of a run."""
-    if not path.stat().st_size:
-        return np.empty(0, np.uint64)
-    return np.memmap(path, "<u8", mode="r")
+    return np.memmap(path, _KEY, mode="r") if path.stat().st_size else np.empty(0, np.uint64)
