@@ -14,7 +14,6 @@ from pxr import Sdf, Usd, Vt
 
 from usdsplat.core.cloud import F32
 from usdsplat.core.errors import StageError, UsageError
-from usdsplat.core.extent import REACH
 from usdsplat.core.node_table import NodeTable, check_nodes
 from usdsplat.core.sh import MAX_DEGREE
 from usdsplat.schema import attributes, hints, registration, tokens
@@ -45,8 +44,6 @@ __all__ = [
 TREE = tokens.TREE_TYPE
 
 _Type = Sdf.ValueTypeNames
-_BOX_REACH = 3.0
-"""Distance from the centres, in standard deviations, that the boxes of a `NodeTable` hold."""
 _MOST = 3.4e38
 """Limit of an extent, which single precision can hold."""
 _COLUMNS: dict[str, tuple[Sdf.ValueTypeName, type, type, tuple[int, ...]]] = {
@@ -274,13 +271,5 @@ def _pixel(prim: Usd.Prim) -> float:
 
 
 def _extent(table: NodeTable) -> F32:
-    """Return a box that holds all splats of a tree out to REACH.
-
-    A splat of which 3 standard deviations are inside the root's box has a deviation of at most a
-    third of the box's half-width.
-    """
-    low, high = table.low[0].astype(np.float64), table.high[0].astype(np.float64)
-    margin = (REACH / _BOX_REACH - 1) * (high - low) / 2
-    box = np.stack([low - margin, high + margin])
-    away = np.array([[-np.inf], [np.inf]], np.float32)
-    return np.nextafter(np.clip(box, -_MOST, _MOST).astype(np.float32), away).astype(np.float32)
+    """Return the box of the root, with corners that an extent can have."""
+    return np.clip(np.stack([table.low[0], table.high[0]]), -_MOST, _MOST).astype(np.float32)

@@ -21,7 +21,7 @@ def table():
         first_child=np.array(FIRST, np.int32),
         child_count=np.array(COUNT, np.int32),
         chunk=np.zeros(6, np.int32),
-        first_row=np.zeros(6, np.int64),
+        first_row=np.cumsum([0, 1, 2, 4, 8, 16]),
         proxies=np.array([1, 2, 4, 8, 16, 32]),
         residents=np.zeros(6, np.int64),
     )

@@ -20,8 +20,6 @@ from usdsplat.render.screen import MARGIN, Screen
 
 Bools = npt.NDArray[np.bool_]
 
-BOX = 3.0
-"""Standard deviations of each splat that a node's box contains."""
 MARGIN_PIXELS = 1
 """Pixels around the window within which nodes are kept, for samples beside the pixels' centres."""
 ROUNDING = 1e-6
@@ -109,9 +107,9 @@ class NodeMeasure:
     def _touches(self, box: _Box, window: tuple[int, int, int, int]) -> Bools:
         """Return whether the ellipse of a splat in the box can touch a window.
 
-        A splat reaches REACH standard deviations on the screen, plus the low-pass. Its box contains
-        BOX of them, so only the difference is added, and what the affine approximation adds: it is
-        taken at the splat's centre, not at the border of the window.
+        A splat reaches REACH standard deviations on the screen, as its box, plus the low-pass. What
+        the affine approximation adds is added: it is taken at the splat's centre, not at the border
+        of the window.
         """
         screen = self.screen
         margin = MARGIN_PIXELS + REACH * np.sqrt(screen.low_pass)
@@ -140,15 +138,13 @@ class NodeMeasure:
         """
         g = [0.0, 0.0, 0.0]
         g[axis] = float(sign)
-        more = (REACH - BOX) / BOX
         if self.screen.orthographic:
-            least = box.lowest(*g) - sign * slope
-            return np.asarray(least - more * box.half(*g) > ROUNDING * (1 + abs(slope)))
+            return np.asarray(box.lowest(*g) - sign * slope > ROUNDING * (1 + abs(slope)))
         g[2] = -sign * slope
-        reach = more * box.half(*g) + REACH / BOX * turn * box.half(0, 0, 1)
+        reach = turn * box.half(0, 0, 1)
         if self.tangential:
             halves = [box.half(*row) for row in np.eye(3).tolist()]
-            reach = REACH / BOX * np.linalg.norm(halves, axis=0) + box.half(*g)
+            reach = np.linalg.norm(halves, axis=0) + box.half(*g)
         return np.asarray(
             box.lowest(*g) - reach > ROUNDING * (1 + abs(slope)) * np.abs(box.at[:, 2])
         )
