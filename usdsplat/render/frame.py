@@ -221,7 +221,8 @@ def prepare(
     )
     surfaces = Surfaces.of(frame.device, scene, screen, view.matte, cache=frame.surface_cache)
     frame.clock.lap("surfaces")
-    layout, inner = frame.layout(scene, sample.fade), _inner_screen(view, window, sample)
+    layout = frame.layout(scene, sample.fade)
+    inner = _inner_screen(view, window, sample) if frame.nodes else None
     projector = Projector(
         frame.device, frame.buffers, layout, screen, frame.settings, frame.blend_space, inner
     )

@@ -305,3 +305,28 @@ def test_without_waiting_the_nearest_level_in_memory_is_drawn():
     np.testing.assert_array_equal(found, picture(whole, view, lod_error=0.0, **settings)["color"])
     again = picture(scene, view, lod_error=0.0, node_wait=False, **settings)["color"]
     np.testing.assert_array_equal(again, found)
+
+
+def test_motion_blur_of_a_moving_tree_is_that_of_a_field():
+    """Oracle: the same splats as a field that moves in the same way; the tree begins out of view,
+    so nodes of all samples must be found."""
+    tree = made(20)
+    view = view_of(lens())
+    view = replace(view, camera=replace(view.camera, shutter=(0.0, 1.0)))
+
+    def moving(scene):
+        def sampler(time):
+            matrix = np.eye(4)
+            matrix[0, 3] = -12.0 + 12.0 * time
+            moved = InstanceSpec(path="/tree", transform=tuple(matrix.ravel()))
+            scene.set_instances("/tree", (moved,))
+            return scene, view
+
+        sampler(0.0)
+        return sampler
+
+    a, b = tree_scene(tree), field_scene(tree)
+    settings = {"aovs": ("color", "depth"), "samples": 6}
+    found = picture(a, view, sampler=moving(a), lod_error=0, **settings)
+    assert_same(found, picture(b, view, sampler=moving(b), **settings))
+    assert found["color"].max() > 0.05
