@@ -39,8 +39,9 @@ LINES = 800
 """Lines of the picture for which classic captures are decimated: fewer are better from afar, more
 are better close by, and with these both are ahead in `benchmarks.decimation`."""
 FAR_LINES = 540
-"""Lines of the picture of whose mean levels are made: of 240, 320 and 480 lines, levels for it are
-the best at none and good at all."""
+"""Lines of the picture of whose mean levels are made. From four times the framing distance, in
+pictures of 480 lines, levels for half this pixel are 0.6 to 6 dB worse and for twice 6 to 10 dB; in
+pictures of 240 lines those for twice are better, and these still 5 dB ahead of all else."""
 FRAMED = 0.95
 """Fraction of opacity times area that a picture of a capture shows."""
 ACROSS = 1080
