@@ -9,9 +9,8 @@ near and afar [dB], and the time [s]. "far, antialiased" is the least of picture
 both are drawn antialiased, decimated without a low-pass.
 
 Ours is compared with a random selection, with the most visible splats, and with splat-transform's
-uniform and adaptive modes, if it is installed, see `benchmarks.peers`. Besides captures, which have
-few splats that are thin by nature, there are two with very thin ones: a made one, and a capture
-whose splats are made thinner.
+uniform and adaptive modes, if it is installed, see `benchmarks.peers`. Besides captures,
+there are two clouds of very thin splats: a made one, and a capture whose splats are made thinner.
 """
 
 from __future__ import annotations

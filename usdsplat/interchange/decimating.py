@@ -26,8 +26,6 @@ NEIGHBORS = 6
 """Number of nearest neighbours among which a splat's partner is searched."""
 FAINTEST = 1 / 255
 """Opacity below which renderers skip a splat."""
-ROUND = 0.3
-"""Maximum fraction of splats removed in a round: the rest may find better partners."""
 RENEWED = 0.3
 """Fraction of the splats of the last search below which neighbours are searched again."""
 CROWD = 64
@@ -37,23 +35,45 @@ STALLED = 0.02
 stalled: too many splats share their neighbours."""
 LOW_PASS = 0.3
 """Variance that classic pictures add to every splat [pixel^2]."""
-LINES = 600
-"""Lines of the picture for which classic captures are decimated."""
-FAR_LINES = 400
-"""Lines of the picture whose mean the levels of classic captures are made to look like."""
+LINES = 800
+"""Lines of the picture for which classic captures are decimated: fewer are better from afar, more
+are better close by, and with these both are ahead in `benchmarks.decimation`."""
+FAR_LINES = 540
+"""Lines of the picture of whose mean levels are made. From four times the framing distance, in
+pictures of 480 lines, levels for half this pixel are 0.6 to 6 dB worse and for twice 6 to 10 dB; in
+pictures of 240 lines those for twice are better, and these still 5 dB ahead of all else."""
 FRAMED = 0.95
 """Fraction of opacity times area that a picture of a capture shows."""
 ACROSS = 1080
 """Largest height of what such a picture shows, in middle axes of the median splat."""
-GROWTH = 0.65
-"""Part, by its logarithm, of the mass of a level's splat in excess of its largest opacity that
-makes it larger: levels overlap more than captures, so more is hidden by a third splat."""
 BY_COLOR, BY_OPACITY = 1.6, 1.0
 """Weights of squared differences of harmonics and of opacity, relative to shape [nat]."""
 
 _LABEL = "merging splats"
 _CHUNK = 1 << 13  # covariances per block: temporaries stay in the cache
 _TRIANGLE = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])  # columns of (xx, xy, xz, yy, yz, zz)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Plan:
+    """How splats are merged."""
+
+    blur: float = 0.0
+    """Variance added to every splat along every axis [unit^2]."""
+    peak: float = kernels.OPAQUE
+    """Largest opacity of a merged splat."""
+    growth: float
+    """Part, by its logarithm, of the mass in excess of this opacity that makes a merged splat
+    larger. The rest is assumed to be hidden behind a third splat: widened ones overlap more."""
+    round: float
+    """Maximum fraction of splats removed in a round. In small rounds, more splats find better
+    partners; in large ones, fewer splats in a crowd are merged again and again."""
+
+
+# Measured: each is the best for its pictures in benchmarks.decimation and minification.
+_CLASSIC = _Plan(growth=0.65, round=0.34)
+_ANTIALIASED = _Plan(growth=1.0, round=0.3)
+_LEVEL = _Plan(growth=0.65, round=0.3)
 
 
 def decimate(
@@ -91,8 +111,8 @@ def decimate(
     _check(count, pixel)
     if len(cloud) <= count:
         return cloud
-    means = _Means(blur=_low_pass(pixel), peak=kernels.OPAQUE, growth=1.0)
-    return _merged(cloud, count, means, progress, device).cloud()
+    plan = replace(_CLASSIC if pixel else _ANTIALIASED, blur=_low_pass(pixel))
+    return _merged(cloud, count, plan, progress, device).cloud()
 
 
 def level(
@@ -125,10 +145,10 @@ def level(
         UsageError: If `count` is less than 1, or `pixel` is negative or not finite.
     """
     _check(count, pixel)
-    means = _Means(blur=_low_pass(pixel), peak=peak, growth=GROWTH)
+    plan = replace(_LEVEL, blur=_low_pass(pixel), peak=peak)
     if len(cloud) <= count:
-        return _widened(cloud, means.blur)
-    return _merged(cloud, count, means, progress, device).cloud(widened=True)
+        return _widened(cloud, plan.blur)
+    return _merged(cloud, count, plan, progress, device).cloud(widened=True)
 
 
 def framing_pixel(cloud: SplatCloud, lines: int = LINES) -> float:
@@ -175,22 +195,16 @@ def _widened(cloud: SplatCloud, blur: float) -> SplatCloud:
     return replace(cloud, scales=np.hypot(cloud.scales, math.sqrt(blur)).astype(np.float32))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Means:
-    """How pairs are merged: the variance added to every splat [unit^2], and `peak` and `growth` of
-    `kernels.merge`."""
-
-    blur: float
-    peak: float
-    growth: float
-
-
 def _merged(
-    cloud: SplatCloud, count: int, means: _Means, progress: Progress, device: Device | None
+    cloud: SplatCloud,
+    count: int,
+    plan: _Plan,
+    progress: Progress,
+    device: Device | None,
 ) -> _Splats:
     """Merge the cheapest pairs of the shown splats, round by round."""
     cloud = _shown(edit.prune(cloud), count)
-    splats = _Splats.of(cloud, means, device or open_device(task="geometry"))
+    splats = _Splats.of(cloud, plan, device or open_device(task="geometry"))
     total = max(len(cloud) - count, 0)
     searched, fresh, stalled = 0, False, False  # splats at the last search; whether it is the last
     while len(splats.rows) > count:
@@ -202,7 +216,7 @@ def _merged(
         else:
             splats.follow()
             fresh = False
-        wanted = min(here - count, max(1, int(ROUND * here)))
+        wanted = min(here - count, max(1, int(plan.round * here)))
         found = splats.merge(wanted)
         stalled = found < min(wanted, STALLED * here)
     progress.step(_LABEL, total, total)
@@ -234,7 +248,7 @@ class _Splats:
     sh: F32
     velocities: F32
     merged: npt.NDArray[np.bool_]
-    means: _Means
+    plan: _Plan
     weights: F64
     near: I32
     costs: F32
@@ -242,7 +256,7 @@ class _Splats:
     mates: I32
 
     @classmethod
-    def of(cls, cloud: SplatCloud, means: _Means, device: Device) -> _Splats:
+    def of(cls, cloud: SplatCloud, plan: _Plan, device: Device) -> _Splats:
         """Create the state for a cloud, whose arrays are not modified."""
         n = len(cloud)
         codes = morton.codes(cloud.positions)
@@ -264,7 +278,7 @@ class _Splats:
             sh=cloud.sh.reshape(n, -1).copy(),
             velocities=still if cloud.velocities is None else cloud.velocities.copy(),
             merged=np.zeros(n, np.bool_),
-            means=means,
+            plan=plan,
             weights=np.array([BY_COLOR, BY_OPACITY, 1.0]),
             near=device.empty((n, NEIGHBORS), np.int32),
             costs=device.empty((n, NEIGHBORS), np.float32),
@@ -272,7 +286,7 @@ class _Splats:
             mates=np.full(n, -1, np.int32),
         )
         device.run(
-            kernels.weigh, cloud.scales, cloud.rotations, cloud.opacities, means.blur,
+            kernels.weigh, cloud.scales, cloud.rotations, cloud.opacities, plan.blur,
             splats.covariances, splats.masses, splats.volumes,
         )  # fmt: skip
         typical = float(splats.masses.mean()) if n else 0.0
@@ -319,7 +333,7 @@ class _Splats:
         found = int(self.device.run(kernels.match, order, self.near, wanted, taken, pairs))
         self.mates[:] = -1
         self.device.run(
-            kernels.merge, pairs[:found], self.means.peak, self.means.growth, *self._values(),
+            kernels.merge, pairs[:found], self.plan.peak, self.plan.growth, *self._values(),
             self.velocities, self.merged, self.heirs, self.mates,
         )  # fmt: skip
         self.rows = self.rows[self.heirs[self.rows] < 0]
@@ -333,8 +347,8 @@ class _Splats:
             rows = rows[np.argsort(self.order[rows])]
         kept = edit.take(self.before, rows)
         if widened:
-            kept = _widened(kept, self.means.blur)
-        removed = 0.0 if widened else self.means.blur
+            kept = _widened(kept, self.plan.blur)
+        removed = 0.0 if widened else self.plan.blur
         changed = np.flatnonzero(self.merged[rows])
         for first in range(0, len(changed), _CHUNK):
             some = changed[first : first + _CHUNK]
