@@ -234,6 +234,15 @@ def test_the_pixel_of_a_picture_that_frames_a_capture() -> None:
     assert framing_pixel(cloud) == 0
 
 
+def test_splats_far_away_do_not_change_the_pixel() -> None:
+    """Oracle: the pixel without them."""
+    cloud = random_cloud(4000, 0)
+    cloud.scales[:], cloud.opacities[:] = 0.1, 0.5
+    near = framing_pixel(cloud)
+    cloud.positions[:3] = 1e30
+    assert framing_pixel(cloud) == pytest.approx(near, rel=0.02)
+
+
 def test_it_says_how_far_it_is() -> None:
     """Oracle: closed form: from none to all, never back."""
     listener = Listener()

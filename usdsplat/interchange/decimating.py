@@ -16,6 +16,7 @@ from usdsplat.core import covariance, edit, morton
 from usdsplat.core.cloud import F32, F64, I32, SplatCloud
 from usdsplat.core.errors import UsageError
 from usdsplat.core.progress import Progress, silent
+from usdsplat.interchange.outliers import weighted_median
 from usdsplat.kernels.device import Device
 from usdsplat.kernels.devices import open_device
 from usdsplat.kernels.points.coincident import coincident
@@ -169,7 +170,8 @@ def framing_pixel(cloud: SplatCloud, lines: int = LINES) -> float:
         return 0.0
     middle, weight, points = middle[sound], weight[sound], cloud.positions[sound].astype(np.float64)
     weight = np.minimum(weight, np.quantile(weight, 0.99))
-    reach = np.linalg.norm(points - np.average(points, axis=0, weights=weight), axis=1)
+    center = [weighted_median(axis, weight) for axis in points.T]  # far splats do not move it
+    reach = np.linalg.norm(points - center, axis=1)
     order = np.argsort(reach)
     share = np.cumsum(weight[order])
     radius = reach[order][np.searchsorted(share, FRAMED * share[-1])]

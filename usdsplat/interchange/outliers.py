@@ -75,3 +75,10 @@ def _in_crowds(ranks: I64, found: int) -> npt.NDArray[np.bool_]:
     first = np.flatnonzero(ranks == 0)
     counts = np.diff(first, append=len(ranks))
     return np.repeat(counts > found, counts)
+
+
+def weighted_median(values: npt.NDArray[np.floating], weights: npt.NDArray[np.number]) -> float:
+    """Return the value at which half of the weight is reached; at least one weight is above 0."""
+    order = np.argsort(values, kind="stable")
+    share = np.cumsum(weights[order], dtype=np.float64)
+    return float(values[order][np.searchsorted(share, 0.5 * share[-1])])

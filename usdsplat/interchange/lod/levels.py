@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from usdsplat.core.cloud import F32, SplatCloud
 from usdsplat.core.extent import REACH
-from usdsplat.interchange.lod.survey import weighted_median
+from usdsplat.interchange.outliers import weighted_median
 
 LOW_PASS = 0.3
 """Variance that classic pictures add to each splat [pixel²]."""

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from usdsplat.core.cloud import F64, I64, SplatCloud
-from usdsplat.interchange.decimating import decimate
+from usdsplat.interchange.decimating import level
 from usdsplat.interchange.lod import chunks, levels
 from usdsplat.interchange.lod.chunks import ChunkForm, ChunkNodes, chunk_name, joined, taken
 from usdsplat.interchange.lod.partition import Branch
@@ -126,7 +126,7 @@ class NodeBuilder:
 
     def _merged(self, whole: SplatCloud, below: Node | None) -> Node:
         """Return the node whose proxies stand for splats; `below` is its only child, if any."""
-        proxies = decimate(whole, levels.proxy_count(len(whole), self.most), device=self.device)
+        proxies = level(whole, levels.proxy_count(len(whole), self.most), device=self.device)
         nothing = chunks.rows(whole, 0, 0)
         return Node(
             proxies=proxies,

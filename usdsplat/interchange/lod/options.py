@@ -33,7 +33,7 @@ class LodOptions:
     pixel: float | None = None
     """Size of the pixel whose low-pass is baked into merged splats [unit of the file]; 0 bakes
     none. None is the footprint of the photographs where it is authored, else that of a picture of
-    1080 lines that shows a whole input, and 0 if all inputs are antialiased."""
+    540 lines that frames an input, and 0 if all inputs are antialiased."""
     memory_limit: int = MEMORY
     """Memory of the process [byte]; what does not fit is on disk beside the target."""
     reading: ReadOptions = READ_OPTIONS

@@ -19,9 +19,10 @@ from usdsplat.core.sh import coefficient_count
 from usdsplat.core.wording import said_bytes
 from usdsplat.formats import Capture
 from usdsplat.interchange.axes_choice import choose_axes, with_axes
+from usdsplat.interchange.decimating import FAR_LINES, framing_pixel
 from usdsplat.interchange.gathering import with_unit
 from usdsplat.interchange.lod.options import LodOptions
-from usdsplat.interchange.lod.survey import SAMPLED, Survey, core_box, pixel_of
+from usdsplat.interchange.lod.survey import SAMPLED, Survey, core_box
 
 READING = 1.6
 """Memory that reading a capture takes, relative to its splats."""
@@ -132,7 +133,7 @@ def survey_of(path: Path, capture: Capture, count: int, boxes: Sequence[tuple[F6
         high=tuple(map(float, high)),
         core_low=tuple(map(float, core[0])),
         core_high=tuple(map(float, core[1])),
-        pixel=pixel_of(cloud) if len(cloud) else 0.0,
+        pixel=framing_pixel(cloud, FAR_LINES),
         frame=capture.frame,
         frame_source=capture.frame_source,
         frame_score=capture.frame_score or 0.0,

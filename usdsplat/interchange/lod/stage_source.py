@@ -17,11 +17,13 @@ from usdsplat.core.findings import Finding
 from usdsplat.core.progress import Progress
 from usdsplat.interchange import files
 from usdsplat.interchange.appearances import appearances
+from usdsplat.interchange.decimating import FAR_LINES, framing_pixel
 from usdsplat.interchange.exporting import unknown_color_spaces
 from usdsplat.interchange.lod.options import LodOptions
 from usdsplat.interchange.lod.sources import check_memory, splat_bytes
-from usdsplat.interchange.lod.survey import SAMPLED, Survey, core_box, pixel_of, weighted_median
+from usdsplat.interchange.lod.survey import SAMPLED, Survey, core_box
 from usdsplat.interchange.options import StageReading
+from usdsplat.interchange.outliers import weighted_median
 from usdsplat.interchange.placement import stage_frame
 from usdsplat.interchange.unapplied import unapplied
 from usdsplat.schema import attributes, packing, registration, tokens
@@ -248,7 +250,7 @@ def _pixel(part: _Part, few: SplatCloud) -> float:
     authored = schema.footprint(part.prim)
     if authored is not None:
         return float(authored * np.cbrt(abs(np.linalg.det(part.to_world[:3, :3]))))
-    return pixel_of(few) if len(few) else 0.0
+    return framing_pixel(few, FAR_LINES)
 
 
 def _mixed(spaces: list[str]) -> list[str]:

@@ -7,20 +7,16 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from usdsplat.core import axes
-from usdsplat.core.cloud import F32, F64, SplatCloud
+from usdsplat.core.cloud import F32, F64
 from usdsplat.core.errors import StageError, UsageError
 from usdsplat.core.wording import counted
 from usdsplat.interchange.lod.runs import Cube
+from usdsplat.interchange.outliers import weighted_median
 
-LINES = 1080
-"""Lines of the picture of a whole input, whose pixel is the default of `LodOptions.pixel`."""
 SAMPLED = 100_000
 """Approximate number of splats of an input from which its size is estimated."""
-COVERED = 0.95
-"""Part of a capture's weight, opacity times area, that a picture of it shows."""
 OUTLYING = 0.01
 """Part of the centres, at either end of each axis, that may be far from the others."""
 MOST_NOTES = 20
@@ -155,29 +151,6 @@ def core_box(positions: F32) -> tuple[F64, F64]:
     """Return the box around the centres that are no outliers; points are finite, at least one."""
     low, high = np.quantile(positions.astype(np.float64), (OUTLYING, 1 - OUTLYING), axis=0)
     return low, high
-
-
-def pixel_of(cloud: SplatCloud) -> float:
-    """Return the size of a pixel of a picture of LINES lines that shows the sphere around COVERED
-    of the weight of a cloud, which has at least one splat. Its centre is the median along each
-    axis, on which splats far away have no influence."""
-    scales = np.sort(np.abs(cloud.scales.astype(np.float64)), axis=1)
-    area = scales[:, 1] * scales[:, 2]
-    weight = cloud.opacities * np.minimum(area, np.quantile(area, 0.99)) + 1e-300
-    points = cloud.positions.astype(np.float64)
-    centre = np.array([weighted_median(axis, weight) for axis in points.T])
-    reach = np.linalg.norm(points - centre, axis=1)
-    order = np.argsort(reach, kind="stable")
-    share = np.cumsum(weight[order])
-    radius = reach[order][np.searchsorted(share, COVERED * share[-1])]
-    return float(2 * radius / LINES)
-
-
-def weighted_median(values: npt.NDArray[np.floating], weights: npt.NDArray[np.number]) -> float:
-    """Return the value at which half of the weight is reached; at least one weight is above 0."""
-    order = np.argsort(values, kind="stable")
-    share = np.cumsum(weights[order], dtype=np.float64)
-    return float(values[order][np.searchsorted(share, 0.5 * share[-1])])
 
 
 def _cube(surveys: Sequence[Survey], maps: Sequence[F64]) -> Cube:
