@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from usdsplat.core.errors import StageError, UsageError
+from usdsplat.interchange.lod import survey
 from usdsplat.interchange.lod.survey import Survey, meet
 from usdsplat.interchange.outliers import weighted_median
 
