@@ -66,7 +66,7 @@ class SampleAccumulator:
     def finish(self) -> dict[str, npt.NDArray[Any]]:
         """Return the averages as arrays of the device."""
         scale = np.float32(1 / self._count)
-        matte_scale = np.float32(1 / self._matte_count)
+        matte_scale = np.float32(1 / max(1, self._matte_count))  # none on the fused path
         for each in self._sums.values():
             self._device.run(total.scale, each, scale)
         ranked = {layer: mattes.ranked(matte_scale) for layer, mattes in self._mattes.items()}
