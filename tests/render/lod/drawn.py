@@ -30,4 +30,4 @@ def drawn_nodes(scene, view, **settings):
     """The nodes of the tree that are drawn."""
     nodes, _ = _drawn(scene, view, **settings)
     drawn = nodes.drawn(scene)
-    return {int(path.partition(":")[2]) for path, field, _ in drawn if field.is_node}
+    return {int(path.split(":")[1]) for path, field, _ in drawn if field.is_node}

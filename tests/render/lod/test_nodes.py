@@ -155,6 +155,9 @@ def test_ids_of_all_nodes_are_one_prim_and_distinct_elements():
     proxies = of_tree >= elements[1, 0]
     assert proxies.any() and (of_tree[~proxies] < 4).all()
     assert of_tree.max() < elements[1, 0] + table.proxies[0]
+    assert (of_tree < 4).any()  # residents of the root, whose proxies are drawn too
+    for name in ("motionForward", "motionBackward"):
+        assert np.abs(found[name]).max() < 1e-4  # nothing moves
     assert scene.prims() == ("/a", "/tree")
 
 

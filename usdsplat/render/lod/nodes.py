@@ -28,6 +28,9 @@ from usdsplat.render.specs import FieldSpec, View
 Part = tuple[int, bool]
 """Node, and whether its proxies are meant; else its splats of the capture."""
 
+PROXIES = ":proxies"
+"""End of the name of proxies, which differs from that of the residents of the same node."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Appearance:
@@ -120,7 +123,7 @@ class PictureNodes:
                     instance = instances.get(int(kept.instances[row]))
                     if instance is not None:
                         least = float(kept.errors[row]) if part[1] else -math.inf
-                        drawn = f"{path}:{part[0]}", field, instance
+                        drawn = f"{path}:{part[0]}{PROXIES if part[1] else ''}", field, instance
                         one = _Appearance(drawn, least, float(kept.above[row]))
                         (inner if part[1] else captured).append(one)
             if captured:
