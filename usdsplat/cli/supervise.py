@@ -89,7 +89,9 @@ def _supervise(arguments: Sequence[str]) -> int:
     # SIGCHLD tells of the child's end, also if the caller has blocked it
     signal.pthread_sigmask(signal.SIG_SETMASK, set(before) - {signal.SIGCHLD})
     parent = Parent(child, news=news[0], wake=wake[0])
-    return parent.status(parent.wait(), arguments, log)
+    wait_status = parent.wait()
+    _ignore_signals()  # at its end, Python restores the default of those that it handles
+    return parent.status(wait_status, arguments, log)
 
 
 def _command(child: Child | None) -> int:
@@ -114,13 +116,17 @@ def _command(child: Child | None) -> int:
         from usdsplat.cli import failures
 
         status = failures.interrupted(interrupt.Interrupted(interrupt.received()))
-    for number in interrupt.SIGNALS:
-        signal.signal(number, signal.SIG_IGN)
+    _ignore_signals()
     if child is not None:
         child.done(status)
         if interrupt.received():
             _leave(status)
     return status
+
+
+def _ignore_signals() -> None:
+    for number in interrupt.SIGNALS:
+        signal.signal(number, signal.SIG_IGN)
 
 
 def _leave(status: int) -> NoReturn:
