@@ -55,7 +55,7 @@ class Options:
     pixel: Annotated[float | None, option("SIZE")] = None
     """size of a pixel of the photographs at the splats, in units of the first input: merged splats
     get the low-pass of classic pictures at this size; 0 for none; default: as authored, else that
-    of a picture of 1080 lines that shows a whole input"""
+    of a picture of 540 lines that frames an input"""
     leaf_splats: Annotated[int | None, option("N")] = None
     """largest number of splats of a node, 256 to 65536; default: 65536"""
     sh_degree: Annotated[int | None, option("DEGREE")] = None

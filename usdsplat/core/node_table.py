@@ -21,6 +21,8 @@ NESTED = 1.25
 NODE_SPLATS = 65_536
 """Largest number of proxies, or of splats of a leaf, that a built tree has in a node."""
 
+MOST_LEVELS = 64
+"""Largest number of levels of a tree."""
 _SLACK = 1e-5
 """Part of a box's size by which single precision may let a child's box exceed its parent's."""
 _ROWS = 1 << 40
@@ -149,6 +151,12 @@ def _check_links(table: NodeTable, where: str) -> None:
     if wrong.any():
         node = int(inner[np.flatnonzero(wrong)[0]])
         raise StageError(where, f"node {node} with wrong children", "nodes breadth first")
+    begin, end = 0, 1
+    for _ in range(MOST_LEVELS):  # the nodes of a level follow each other
+        begin, end = end, end + int(counts[begin:end].sum())
+        if begin == end:
+            return
+    raise StageError(where, f"more than {MOST_LEVELS} levels", "a tree of fewer levels")
 
 
 def _check_values(table: NodeTable, where: str, chunks: int) -> None:

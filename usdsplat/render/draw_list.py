@@ -118,7 +118,8 @@ def draw_list(drawn: Sequence[Drawn], others: Iterable[str] = (), *, budget: int
             first_slots.append(slot + span * np.arange(i + 1 - begin, dtype=np.int64))
             slot += groups[-1].slots
             begin = i + 1
-    elements = [field.first_element & np.iinfo(np.int32).max for _, field, _ in drawn]
+    most = int(np.iinfo(np.int32).max)
+    elements = [field.first_element & most for _, field, _ in drawn]
     starts = [g.slot + g.block * np.arange(g.all_blocks, dtype=np.int64) for g in groups]
     nothing = np.empty(0, np.int64)
     return DrawList(

@@ -21,6 +21,8 @@ from usdsplat.render.settings import RenderSettings
 from usdsplat.render.specs import CameraSpec
 
 GOLDEN_ANGLE = math.pi * (3.0 - math.sqrt(5.0))
+FADE_STEP = math.sqrt(3.0) - 1.0
+"""Step of the recurrence for the fades between levels of detail, irrational to the other steps."""
 STEPS = (0.7548776662466927, 0.5698402909980532, math.sqrt(2.0) - 1.0)
 """Steps of the additive recurrences for pixel x, pixel y and time. They and their ratios are
 irrational."""
@@ -90,7 +92,7 @@ def subdivided(
     n = times * len(plan)
     if n == 1:
         return (plan,)
-    fades = _strata(n, STEPS[2])
+    fades = _strata(n, FADE_STEP)
     if len(plan) == 1:
         across = (np.arange(along) + 0.5) / along - 0.5
         points = [(x, y) for y in across.tolist() for x in across.tolist()]

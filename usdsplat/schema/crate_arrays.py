@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import struct
 import zipfile
+import zlib
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -34,6 +35,11 @@ _SECTION = struct.Struct("<16sqq")
 _MOST_SECTIONS = 64
 _ARRAY, _INLINED, _COMPRESSED = 1 << 63, 1 << 62, 1 << 61
 _PAYLOAD = (1 << 48) - 1
+_DAMAGED = (
+    OSError, EOFError, ValueError, OverflowError, RuntimeError, LookupError, NotImplementedError,
+    struct.error, zlib.error, zipfile.BadZipFile,
+)  # fmt: skip
+"""What reading a damaged crate file or package may raise; of an encrypted one a RuntimeError."""
 
 
 def check_arrays(path: str, *, is_chunk: bool) -> None:
@@ -53,7 +59,9 @@ def check_arrays(path: str, *, is_chunk: bool) -> None:
         with _opened(path) as file:
             if file is not None:
                 _check(file, path, is_chunk)
-    except (OSError, struct.error, zipfile.BadZipFile, LookupError, NotImplementedError) as error:
+    except StageError:
+        raise
+    except _DAMAGED as error:
         found = str(getattr(error, "strerror", None) or "a damaged crate file")
         raise StageError(path, found, "a file that USD can read") from None
 
@@ -64,7 +72,7 @@ def layer_size(path: str) -> int:
     try:
         with _opened(path) as file:
             return 0 if file is None else file.seek(0, 2)
-    except (OSError, zipfile.BadZipFile, LookupError, NotImplementedError):
+    except _DAMAGED:
         return 0
 
 

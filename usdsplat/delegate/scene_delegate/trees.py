@@ -85,12 +85,13 @@ class Chunks:
         """
         with self._lock:
             changed, self._changed = self._changed, set()
-        chunks = {chunk for tree in self._of_trees.values() for chunk in tree.chunks}
+        chunks = {chunk for tree in self._of_trees.values() for chunk in tree.chunks if chunk}
         self._edits.update(changed & chunks)
         now = time.monotonic()
         if now - self._looked >= POLL:
             self._looked = now
             changed |= {each for each in chunks if self._tokens.get(each) != self._token(each)}
+        changed.discard("")  # a chunk without a file
         return {path for path, tree in self._of_trees.items() if changed.intersection(tree.chunks)}
 
     def keep(self, paths: Collection[str]) -> None:
@@ -130,7 +131,7 @@ class Chunks:
 
     def _collect(self, notice: Any, sender: Any) -> None:
         with self._lock:
-            self._changed.update(layer.realPath for layer in notice.GetLayers())
+            self._changed.update(layer.realPath or layer.identifier for layer in notice.GetLayers())
 
 
 class _Loader:

@@ -17,7 +17,7 @@ from pxr import Sdf, Usd, UsdGeom
 
 from usdsplat import __version__, schema
 from usdsplat.core import axes
-from usdsplat.core.errors import OutputError, StageError, UsageError, UsdSplatError
+from usdsplat.core.errors import FormatError, StageError, UsageError
 from usdsplat.core.findings import Finding
 from usdsplat.core.lock import output_lock
 from usdsplat.core.node_table import NODE_SPLATS, NodeTable
@@ -106,12 +106,11 @@ def build_tree(
         try:
             job = _Job.prepared(inputs, folder, options, progress)
             report = job.build(tree_files, progress)
-        except OutputError:
-            raise  # such as a full disk: another attempt continues
-        except UsdSplatError:
-            folder.remove()  # another attempt would fail too
+        except (FormatError, StageError, UsageError) as error:
+            if not (folder.is_continued and isinstance(error, UsageError)):
+                folder.remove()  # another attempt would fail too
             raise
-        except BaseException:
+        except BaseException:  # such as a full disk: another attempt continues
             folder.remove_if_empty()
             raise
         folder.remove()

@@ -14,6 +14,7 @@ from pxr import Sdf
 from usdsplat.core.errors import OutputError, UsageError
 from usdsplat.core.output import output_file, output_group
 from usdsplat.interchange import files
+from usdsplat.schema import tokens
 from usdsplat.schema.usd_files import is_whole_usd, write_copy
 
 _OURS = re.compile(r"\d{4,}\.usdc")
@@ -57,6 +58,9 @@ class TreeFiles:
             if not is_folder or not all(_OURS.fullmatch(name) for name in os.listdir(folder)):
                 found = "something that is not a folder of chunks"
                 raise OutputError(str(folder), found, "earlier chunks or nothing")
+            if os.listdir(folder) and not _refers(final, folder.name):
+                found = f"chunks to which {target.name} does not refer"
+                raise OutputError(str(folder), found, "another name, or no such folder")
         return cls(target=target, folder=folder)
 
     def asset(self, name: str) -> str:
@@ -83,3 +87,19 @@ class TreeFiles:
                 except OSError:  # a file system without links
                     shutil.move(chunk, made / chunk.name)
             group.place_folder(made, self.folder)
+
+
+def _refers(target: Path, folder: str) -> bool:
+    """Return whether a layer has a splat tree with chunks in a folder beside it."""
+    if not target.is_file():
+        return False
+    layer = files.open_layer(target)
+    found: list[str] = []
+
+    def visit(path: Sdf.Path) -> None:
+        if path.IsPropertyPath() and path.name == tokens.CHUNKS:
+            assets = layer.GetAttributeAtPath(path).default or ()
+            found.extend(each.path for each in assets if each.path.startswith(f"./{folder}/"))
+
+    layer.Traverse(Sdf.Path.absoluteRootPath, visit)
+    return bool(found)

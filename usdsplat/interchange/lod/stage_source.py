@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -66,7 +67,7 @@ class _Fields:
             stage=stage,
             prims=tuple(item.prim for item in found),
             parts=tuple(_Part(prim=a.prim, to_world=m) for a in found for m in a.to_world),
-            notes=tuple(notes),
+            notes=(*notes, *(note for item in found for note in _dropped_hints(item.prim))),
         )
 
 
@@ -258,3 +259,14 @@ def _mixed(spaces: list[str]) -> list[str]:
     if len(spaces) == 1:
         return []
     return [f"colours are in {' and '.join(spaces)}; the tree states {spaces[0]} for all splats"]
+
+
+def _dropped_hints(prim: Usd.Prim) -> Iterator[str]:
+    """Yield a note if a field has rendering hints that its tree does not get."""
+    hints = {
+        "projectionModeHint": schema.projection_mode(prim) != "perspective",
+        "sortingModeHint": schema.sorting_mode(prim) != "zDepth",
+        tokens.FOOTPRINT: schema.footprint(prim) is not None,
+    }
+    if names := [name for name, is_set in hints.items() if is_set]:
+        yield f"{prim.GetPath()}: the tree does not get its {' and '.join(names)}"

@@ -11,13 +11,14 @@ import os
 import shutil
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
 from usdsplat import __version__
 from usdsplat.core.errors import OutputError
 from usdsplat.core.output import is_private, write_output
+from usdsplat.formats.options import READ_OPTIONS
 from usdsplat.interchange.lod.options import LodOptions
 from usdsplat.interchange.lod.survey import Survey
 
@@ -87,7 +88,7 @@ class WorkFolder:
 
 def _job(inputs: Sequence[Path], options: LodOptions) -> Any:
     """Return what decides the tree, as values of JSON."""
-    values = asdict(options)
+    values = asdict(replace(options, reading=READ_OPTIONS))  # whose progress cannot be copied
     del values["memory_limit"]
     values["reading"] = {"lod": options.reading.lod}
     stamps = [stamp for path in inputs for stamp in _stamps(path)]
