@@ -48,6 +48,7 @@ def stock_validation(request: pytest.FixtureRequest) -> Iterator[None]:
         return
     folder = request.node.funcargs.get("tmp_path")
     stages = [] if folder is None else sorted(Path(folder).rglob("*.usd*"))
+    stages = [path for path in stages if path.name.isprintable()]  # USD's validators raise else
     if asked != "all":
         stages = [path for path in stages if path.is_file() and path.stat().st_size <= _LARGEST]
     if stages:

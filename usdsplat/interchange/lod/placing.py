@@ -13,6 +13,7 @@ from pxr import Sdf
 
 from usdsplat.core.errors import OutputError, UsageError
 from usdsplat.core.output import output_file, output_group
+from usdsplat.core.readable import check_referable, is_utf8
 from usdsplat.interchange import files
 from usdsplat.schema import tokens
 from usdsplat.schema.usd_files import is_whole_usd, write_copy
@@ -40,6 +41,7 @@ class TreeFiles:
             UsageError: If it is a package, which cannot refer to a folder.
             OutputError: If there is no folder for the target, a file would replace an input, or the
                 folder of the chunks exists with other content.
+            StageError: If a layer cannot refer to chunks with the name of the target.
         """
         files.check_suffix(target)
         if target.suffix.lower() == ".usdz":
@@ -48,6 +50,10 @@ class TreeFiles:
         if not final.parent.is_dir():
             raise OutputError(str(target), f"no folder {final.parent}", "an existing folder")
         folder = final.with_name(f"{target.stem}_chunks")
+        check_referable(folder, final.parent)
+        if not is_utf8(folder.name):
+            found = "a name that is not UTF-8"
+            raise OutputError(str(target), found, "a name of chunks that the tree can refer to")
         known = list(inputs)
         files.check_not_input(target, known)
         for path in known:
