@@ -11,13 +11,14 @@ from pathlib import Path
 
 from pxr import Sdf
 
-from usdsplat.core.errors import OutputError, UsageError
+from usdsplat.core.errors import OutputError, StageError, UsageError
 from usdsplat.core.output import output_file, output_group
 from usdsplat.core.readable import check_referable, is_utf8
 from usdsplat.interchange import files
 from usdsplat.schema import tokens
 from usdsplat.schema.usd_files import is_whole_usd, write_copy
 
+_SUFFIXES = (".usd", ".usda", ".usdc")
 _OURS = re.compile(r"\d{4,}\.usdc")
 
 
@@ -64,9 +65,10 @@ class TreeFiles:
             if not is_folder or not all(_OURS.fullmatch(name) for name in os.listdir(folder)):
                 found = "something that is not a folder of chunks"
                 raise OutputError(str(folder), found, "earlier chunks or nothing")
-            if os.listdir(folder) and not _refers(final, folder.name):
-                found = f"chunks to which {target.name} does not refer"
-                raise OutputError(str(folder), found, "another name, or no such folder")
+            for other in (final.with_suffix(suffix) for suffix in _SUFFIXES):
+                if other != final and _refers(other, folder.name):
+                    found = f"the chunks of {other.name}"
+                    raise OutputError(str(folder), found, "another name, or no such folder")
         return cls(target=target, folder=folder)
 
     def asset(self, name: str) -> str:
@@ -99,7 +101,10 @@ def _refers(target: Path, folder: str) -> bool:
     """Return whether a layer has a splat tree with chunks in a folder beside it."""
     if not target.is_file():
         return False
-    layer = files.open_layer(target)
+    try:
+        layer = files.open_layer(target)
+    except StageError:
+        return False
     found: list[str] = []
 
     def visit(path: Sdf.Path) -> None:
