@@ -130,7 +130,7 @@ def _ignore_signals() -> None:
 
 
 def _leave(status: int) -> NoReturn:
-    """End this process without the end of the interpreter.
+    """End this process at once, without the shutdown of the interpreter.
 
     Threads of C++ code that was interrupted may still run, and crash while it takes place.
     """

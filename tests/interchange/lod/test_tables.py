@@ -6,7 +6,7 @@ import numpy as np
 
 from usdsplat.core.node_table import NESTED, NodeTable, check_nodes
 from usdsplat.interchange.lod.measuring import splats_below
-from usdsplat.interchange.lod.tables import heights, nested
+from usdsplat.interchange.lod.tables import nested
 
 # 0 -> 1, 2; 1 -> 3, 4; 4 -> 5
 FIRST, COUNT = [1, 3, 0, 0, 5, 0], [2, 2, 0, 0, 1, 0]
@@ -25,11 +25,6 @@ def table():
         proxies=np.array([1, 2, 4, 8, 16, 32]),
         residents=np.zeros(6, np.int64),
     )
-
-
-def test_heights_are_the_longest_ways_to_leaves():
-    """Oracle: closed form: the tree above."""
-    assert heights(table()).tolist() == [3, 2, 0, 0, 1, 0]
 
 
 def test_splats_below_are_those_of_leaves():

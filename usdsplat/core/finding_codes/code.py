@@ -19,4 +19,4 @@ class Code:
     cure: str
     """Usual cure, unless a finding has a better one."""
     consequence: str = ""
-    """What happens instead, added to each sentence; "" if the sentence says it."""
+    """What the command does instead. It ends the sentence of each finding; "" adds nothing."""

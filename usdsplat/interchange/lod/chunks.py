@@ -46,7 +46,8 @@ class ChunkNodes:
     residents: I64
     """Number of residents of each node, which follow its proxies, shape (k,)."""
     low: F64
-    """Lower corners of the boxes around the splats of the nodes and all below, shape (k, 3)."""
+    """Lower corner of the box around the splats of each node and of those below it [unit], shape
+    (k, 3)."""
     high: F64
     """Upper corners, shape (k, 3)."""
     sizes: F64

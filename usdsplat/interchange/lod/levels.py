@@ -15,10 +15,9 @@ import numpy.typing as npt
 
 from usdsplat.core.cloud import F32, SplatCloud
 from usdsplat.core.extent import REACH
+from usdsplat.interchange.decimating import LOW_PASS
 from usdsplat.interchange.outliers import weighted_median
 
-LOW_PASS = 0.3
-"""Variance that classic pictures add to each splat [pixel²]."""
 KEPT = 4
 """Number of splats below a node for each of its proxies."""
 STRAY = 0.5

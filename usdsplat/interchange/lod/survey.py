@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -65,9 +66,12 @@ class Survey:
         return sum(self.parts)
 
     @classmethod
-    def from_json(cls, value: dict[str, object]) -> Survey:
-        """Return what `asdict` gave, after a way through JSON."""
-        return cls(**{k: tuple(v) if isinstance(v, list) else v for k, v in value.items()})  # type: ignore[arg-type]
+    def from_json(cls, value: dict[str, Any]) -> Survey:
+        """Return the survey of which `value` is the `as_json`, after it was stored as JSON."""
+        values: dict[str, Any] = {
+            name: tuple(each) if isinstance(each, list) else each for name, each in value.items()
+        }
+        return cls(**values)
 
     def as_json(self) -> dict[str, object]:
         """Return the survey as values of JSON."""

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from usdsplat.core.cloud import F32, F64, I32
+from usdsplat.core.cloud import F32, F64
 from usdsplat.core.node_table import NESTED, NodeTable
 from usdsplat.interchange.lod.chunks import ChunkNodes, chunk_name, read_nodes
 from usdsplat.interchange.lod.nodes import chunk_numbers
@@ -49,14 +49,6 @@ def assemble(root: Branch, folder: Path) -> tuple[NodeTable, F64]:
         residents=np.concatenate([each.residents for each in found]),
     )
     return table, sizes
-
-
-def heights(table: NodeTable) -> I32:
-    """Return the number of levels below each node, 0 for a leaf, shape (n,)."""
-    parents, found = table.parents(), np.zeros(len(table), np.int32)
-    for node in range(len(table) - 1, 0, -1):  # a node comes after its parent
-        found[parents[node]] = max(found[parents[node]], found[node] + 1)
-    return found
 
 
 def nested(errors: F64, table: NodeTable) -> F32:
