@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 
 import pytest
-from pxr import Sdf, Vt
+from pxr import Sdf, Usd, UsdGeom, Vt
 
 from tests.schema.clouds import cloud
 from tests.trees import changed, little_tree
@@ -104,6 +104,59 @@ def test_invalid_levels_are_one_sentence(
 ) -> None:
     """Oracle: the contract of errors; nothing is written."""
     assert main(["convert", str(tree), str(tmp_path / "out.ply"), *words]) == 2
+    assert said in capsys.readouterr().err
+    assert not (tmp_path / "out.ply").exists()
+
+
+def with_cameras(tree: Path) -> None:
+    """Cameras in front of a tree: one that looks at it, one that looks away."""
+    layer = Sdf.Layer.FindOrOpen(str(tree))
+    stage = Usd.Stage.Open(layer)
+    for name, turn in (("At", 0), ("Away", 180)):
+        camera = UsdGeom.Camera.Define(stage, f"/tree/{name}")
+        camera.AddTranslateOp().Set((0, 0, 60))
+        camera.AddRotateYOp().Set(turn)
+    layer.Save()
+
+
+@pytest.mark.parametrize(
+    ("flags", "splats"),
+    [
+        (["--camera", "At", "--lod-error", "0"], 200),
+        (["--camera", "/tree/Away", "--lod-error", "0"], 14),
+        (["--camera", "At", "--lod-error", "1000"], 14),
+        (["--camera", "At", "--lod-error", "0", "--splat-budget", "60"], 51),
+        (["--camera", "At", "--lod-error", "50", "--resolution", "8x6"], 14),
+    ],
+)
+def test_convert_writes_the_cut_of_a_camera(
+    tree: Path, tmp_path: Path, capsys: pytest.CaptureFixture, flags: list[str], splats: int
+) -> None:
+    """Oracle: the counts of the levels: all leaves in view, the root out of view or from afar."""
+    with_cameras(tree)
+    assert main(["convert", str(tree), str(tmp_path / "out.ply"), "--json", *flags]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["splats"] == splats == len(formats.read(tmp_path / "out.ply").cloud)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--lod-error", "2"], "--lod-error: found no --camera, expected the camera of the view"),
+        (["--camera", "At", "--lod", "1"], "--camera: found --lod too, expected one of them"),
+        (["--camera", "No"], "--camera: found 'No', expected one of /tree/At, /tree/Away"),
+        (["--camera", "At", "--lod-error", "-1"], "--lod-error: found -1.0, expected 0 to 1000"),
+        (["--camera", "At", "--resolution", "9"], "--resolution: found '9', expected two numbers"),
+        (["--camera", "At", "{}/tree.usda"], "--camera: found 2 inputs, expected one stage"),
+    ],
+)
+def test_invalid_views_are_one_sentence(
+    tree: Path, tmp_path: Path, capsys: pytest.CaptureFixture, words: list[str], said: str
+) -> None:
+    """Oracle: the contract of errors; nothing is written."""
+    with_cameras(tree)
+    words = [word.format(tmp_path) for word in words]
+    assert main(["convert", str(tree), *words, str(tmp_path / "out.ply")]) == 2
     assert said in capsys.readouterr().err
     assert not (tmp_path / "out.ply").exists()
 

@@ -15,6 +15,8 @@ examples:
       one file per field: tree_Trunk.spz, tree_Leaves.spz
   usdsplat convert city.usda far.spz --lod 2
       a coarse level of a splat tree; --max-splats 500000 takes the best cut of that size
+  usdsplat convert city.usda near.sog --camera /World/Cam --lod-error 2
+      a splat tree as a picture of a camera draws it: fine where it is near, coarse elsewhere
   usdsplat convert house.ply garden.sog both.ply
       several captures in one, in the coordinates of the first
   usdsplat convert cap.####.sog shot.usdc --frames 1-48 --rate 25
@@ -44,11 +46,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from usdsplat.cli import console, edit_flags
+from usdsplat.cli.arguments import given
 from usdsplat.cli.convert_options import Options, check, switches
 from usdsplat.cli.edit_flags import edits_of
 from usdsplat.cli.reporting import Reporter
 from usdsplat.cli.stage_options import StageOptions
-from usdsplat.cli.values import time_code
+from usdsplat.cli.values import resolution_of, time_code
 from usdsplat.core.errors import UsageError
 from usdsplat.core.folders import made_folder
 from usdsplat.core.output import output_group
@@ -56,6 +59,8 @@ from usdsplat.core.text import shown
 from usdsplat.core.wording import counted
 
 if TYPE_CHECKING:
+    from usdsplat.delegate.scene_delegate import Stage
+    from usdsplat.interchange import TreeChoice
     from usdsplat.interchange.converting import Report
     from usdsplat.schema import Form
 
@@ -79,7 +84,6 @@ def run(options: Options, reporter: Reporter) -> int:
         ImportOptions,
         SequenceOptions,
     )
-    from usdsplat.interchange.tree_reading import TreeChoice
 
     if not options.others:
         raise UsageError("convert", "no OUT", "one; see 'usdsplat convert --help'")
@@ -89,7 +93,9 @@ def run(options: Options, reporter: Reporter) -> int:
     stage, frames, captures = options.stage_output, options.sequence, options.capture
     form: Form = "packed" if stage.packed else "half" if stage.half else "float"
     with ExitStack() as during:
-        during.enter_context(_opened(sources, time_code(options.stage_input.frame), reporter))
+        time = time_code(options.stage_input.frame)
+        stages = during.enter_context(_opened(sources, time, reporter))
+        trees, time = _trees(options, stages, time)
         during.enter_context(made_folder(Path(target).parent))
         if reporter.findings.is_strict:
             during.enter_context(output_group())
@@ -112,12 +118,10 @@ def run(options: Options, reporter: Reporter) -> int:
                 reading=ReadOptions(lod=captures.lod or 0),
             ),
             export=ExportOptions(
-                time=time_code(options.stage_input.frame),
+                time=time,
                 split=options.stage_input.split,
                 writing=WriteOptions(spz_version=captures.spz_version or 4),
-                trees=TreeChoice(
-                    level=captures.lod or 0, max_splats=options.stage_input.max_splats
-                ),
+                trees=trees,
             ),
             sequence=SequenceOptions(
                 frames=None if frames.frames is None else parse_frames(frames.frames),
@@ -138,11 +142,30 @@ def run(options: Options, reporter: Reporter) -> int:
     return 0
 
 
-@contextmanager
-def _opened(sources: Sequence[Path], time: float | None, reporter: Reporter) -> Iterator[None]:
-    """Report what the stages among the sources ask for and do not get, without reading splats.
+def _trees(
+    options: Options, stages: Sequence[Stage], time: float | None
+) -> tuple[TreeChoice, float | None]:
+    """Return what to read of splat trees, and when: the view of a camera has a default time."""
+    from usdsplat.interchange import TreeChoice
 
-    The stages stay open in the context, so that the conversion does not read their layers again.
+    view, most = options.view, options.stage_input.max_splats
+    if view.camera is None:
+        return TreeChoice(level=options.capture.lod or 0, max_splats=most), time
+    from usdsplat.products.tree_views import ViewRequest, choice_of
+
+    size = resolution_of(view.resolution)
+    request = ViewRequest(camera=view.camera, resolution=size, settings=given(view))
+    return choice_of(stages[0], request, time)
+
+
+@contextmanager
+def _opened(
+    sources: Sequence[Path], time: float | None, reporter: Reporter
+) -> Iterator[list[Stage]]:
+    """Report what the stages among the sources ask for and do not get, without reading splats, and
+    return them.
+
+    They stay open in the context, so that the conversion does not read their layers again.
 
     Raises:
         StrictError: If the command is strict and there is an error or a warning.
@@ -155,7 +178,7 @@ def _opened(sources: Sequence[Path], time: float | None, reporter: Reporter) -> 
     for stage in stages:
         reporter.findings.extend(prim_findings(stage, time))
     reporter.findings.check()
-    yield
+    yield stages
 
 
 _COMPILING = "compiling kernels, once; it takes up to half a minute"

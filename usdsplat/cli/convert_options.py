@@ -7,10 +7,11 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Annotated, Any
 
-from usdsplat.cli.arguments import option, positional
+from usdsplat.cli.arguments import flags_of, option, positional
 from usdsplat.cli.edit_flags import EditFlags
 from usdsplat.cli.reporting import ReportingOptions
 from usdsplat.core.errors import UsageError
+from usdsplat.render.settings import RenderSettings
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,6 +48,21 @@ class StageRead:
     flatten: Annotated[bool, option()] = False
     """from stage to stage: write one self-contained file with the selected variants; default: keep
     variants, references and payloads, and write the converted fields over them"""
+
+
+LevelFlags: Any = flags_of(RenderSettings, ("lod_error", "splat_budget"))
+
+
+@dataclass(frozen=True, kw_only=True)
+class ViewOptions(LevelFlags):
+    """The nodes of splat trees that a picture of a camera draws, instead of a level."""
+
+    camera: Annotated[str | None, option("CAMERA")] = None
+    """path or name of the camera; out of its view, trees are as coarse as possible; --frame is then
+    the first one of the stage by default"""
+    resolution: Annotated[str | None, option("WIDTHxHEIGHT")] = None
+    """size of the picture in pixels; default: that of the product with the camera, or else of the
+    first product, or 1920x1080"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -92,6 +108,7 @@ class Options:
     """print one JSON object with a report"""
     stage_output: StageWritten = field(default_factory=StageWritten)
     stage_input: StageRead = field(default_factory=StageRead)
+    view: ViewOptions = field(default_factory=ViewOptions)
     sequence: Frames = field(default_factory=Frames)
     capture: Captures = field(default_factory=Captures)
     edit: EditFlags = field(default_factory=EditFlags)
@@ -107,7 +124,8 @@ _MEANINGFUL = {
     (True, True): ("packed", "half", "flatten"),
 }
 """(input is a stage, output is a stage) -> flags that apply."""
-_OF_ONE = {(False, True): ("cameras",), (True, False): ("frame", "split")}
+_OF_VIEW = ("camera", "lod_error", "splat_budget", "resolution")
+_OF_ONE = {(False, True): ("cameras",), (True, False): ("frame", "split", *_OF_VIEW)}
 """The same for inputs and outputs that are not sequences."""
 _OF_FRAMES = {
     (False, True): ("frames", "clips", "rate", "interpolate"),
@@ -157,16 +175,33 @@ def check(options: Options, sources: Sequence[Path], target: str) -> None:
     most = options.stage_input.max_splats
     if most is not None and most < 1:
         raise UsageError("--max-splats", str(most), "at least 1")
+    _check_view(options, sources)
     if version is not None and not target.lower().endswith(".spz"):
         raise UsageError("--spz-version", target, "an .spz to write")
     if version not in (None, *SPZ_VERSIONS):
         raise UsageError("--spz-version", str(version), " or ".join(map(str, SPZ_VERSIONS)))
 
 
+def _check_view(options: Options, sources: Sequence[Path]) -> None:
+    """Raise an error for flags of a view that have no effect, or contradict others.
+
+    Raises:
+        UsageError: If there is one.
+    """
+    for name in _given(options):
+        if options.view.camera is None and name in _OF_VIEW:
+            raise UsageError(_flag(name), "no --camera", "the camera of the view")
+        if options.view.camera is not None and name in ("lod", "max_splats"):
+            raise UsageError("--camera", f"{_flag(name)} too", "one of them")
+    if options.view.camera is not None and len(sources) > 1:
+        raise UsageError("--camera", f"{len(sources)} inputs", "one stage")
+
+
 def _given(options: Options) -> Iterator[str]:
     """Yield the names of the flags whose value is not the default."""
     groups: tuple[Any, ...] = (
-        *(options.stage_output, options.stage_input, options.sequence, options.capture),
+        *(options.stage_output, options.stage_input, options.view),
+        *(options.sequence, options.capture),
     )
     for group in groups:
         for item in fields(group):

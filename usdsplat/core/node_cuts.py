@@ -1,4 +1,4 @@
-"""Cuts of a splat tree that depend on no view: a level of detail, or a number of splats."""
+"""Cuts of a splat tree: a level of detail, a number of splats, or some refined nodes."""
 
 from __future__ import annotations
 
@@ -6,9 +6,12 @@ import heapq
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from usdsplat.core.cloud import I32, I64
 from usdsplat.core.node_table import NodeTable
+
+Bools = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -95,7 +98,17 @@ def budget_cut(table: NodeTable, most: int) -> NodeCut:
     return _first(table, ~refined)
 
 
-def _first(table: NodeTable, stops: np.ndarray, roots: range = range(1)) -> NodeCut:
+def refined_cut(table: NodeTable, refined: Bools) -> NodeCut:
+    """Return the cut that refines some nodes, and all nodes without proxies.
+
+    Args:
+        table: A valid table.
+        refined: Whether each node is refined if all nodes above it are, shape (n,).
+    """
+    return _first(table, ~(refined | ~np.isfinite(table.errors)))
+
+
+def _first(table: NodeTable, stops: Bools, roots: range = range(1)) -> NodeCut:
     """Return the cut at the first node with `stops` on each way from the roots down."""
     nodes: list[int] = []
     above: list[int] = []

@@ -23,7 +23,7 @@ from usdsplat.interchange.reports import (
 )
 from usdsplat.interchange.sequence_exporting import export_sequence
 from usdsplat.interchange.sequences import import_sequence
-from usdsplat.interchange.tree_reading import TreeChoice
+from usdsplat.interchange.tree_reading import TreeChoice, ViewChoice
 
 __all__ = [
     "CameraReport",
@@ -38,6 +38,7 @@ __all__ = [
     "SplitReport",
     "StageReading",
     "TreeChoice",
+    "ViewChoice",
     "convert",
     "export_capture",
     "export_each",

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import islice
 
 import numpy as np
 from pxr import Sdf, Usd, UsdGeom
@@ -15,7 +17,9 @@ from usdsplat.core.errors import StageError, UsageError
 from usdsplat.core.node_cuts import heights
 from usdsplat.interchange.options import StageReading
 from usdsplat.interchange.placement import checked_path
-from usdsplat.interchange.tree_reading import LEAVES, TreeChoice, TreeReading
+from usdsplat.interchange.tree_reading import LEAVES, TreeReading, ViewChoice
+from usdsplat.interchange.view_cuts import view_cuts
+from usdsplat.schema import attributes
 from usdsplat.schema.lod_roots import item_choice
 from usdsplat.schema.stage_values import local_to_ancestor, local_to_world
 
@@ -35,19 +39,24 @@ class Appearance:
     prim: Usd.Prim
     to_world: F64
     """Local to world matrices, column vectors, shape (k, 4, 4)."""
-    tree: TreeReading | None = None
-    """What is read of a tree; None for a field."""
+    trees: tuple[TreeReading, ...] = ()
+    """What is read of a tree for each place, the same object where it is the same; none for a
+    field."""
 
     @property
     def rasterize_mode(self) -> str:
-        """Mode in which the splats are drawn."""
-        mode = schema.rasterize_mode(self.prim)
-        return mode if self.tree is None else self.tree.rasterize_mode
+        """Mode in which the splats are drawn; of a tree, most of them."""
+        if not self.trees:
+            return schema.rasterize_mode(self.prim)
+        sizes: Counter[str] = Counter()
+        for tree in self.trees:
+            sizes[tree.rasterize_mode] += len(tree)
+        return sizes.most_common(1)[0][0]
 
     @property
     def chunk_files(self) -> tuple[str, ...]:
         """Files of the chunks of a tree; none for a field."""
-        return () if self.tree is None else self.tree.tree.chunks
+        return self.trees[0].tree.chunks if self.trees else ()
 
     def cloud(self, time: float | None, turn: F64) -> SplatCloud:
         """Return all its splats in world space, transformed by `turn`, shape (3, 3): axes and
@@ -57,14 +66,20 @@ class Appearance:
             StageError: If there are more than `MOST_SPLATS`, the field cannot be read, or float32
                 cannot hold its world positions.
         """
-        source = self.tree if self.tree is not None else schema.fetch(self.prim, time)
-        total = len(source) * len(self.to_world)
+        sources: Sequence[TreeReading | SplatCloud]
+        sources = self.trees or [schema.fetch(self.prim, time)] * len(self.to_world)
+        total = sum(map(len, sources))
         if total > MOST_SPLATS:
             raise StageError(str(self.prim.GetPath()), f"{total} splats", f"{MOST_SPLATS} at most")
-        own = source.cloud() if isinstance(source, TreeReading) else source
         turned = np.eye(4)
         turned[:3, :3] = turn
-        clouds = [self._placed(own, turned @ matrix) for matrix in self.to_world]
+        places: dict[int, list[F64]] = {}
+        for source, matrix in zip(sources, self.to_world, strict=True):
+            places.setdefault(id(source), []).append(turned @ matrix)
+        clouds: list[SplatCloud] = []
+        for source in {id(each): each for each in sources}.values():
+            own = source.cloud() if isinstance(source, TreeReading) else source
+            clouds += [self._placed(own, matrix) for matrix in places[id(source)]]
         return clouds[0] if len(clouds) == 1 else edit.merge(clouds)
 
     def _placed(self, own: SplatCloud, matrix: F64) -> SplatCloud:
@@ -92,7 +107,7 @@ def appearances(stage: Usd.Stage, reading: StageReading) -> tuple[list[Appearanc
         StageError: If there is no such prim, or nothing is visible.
         UsageError: If `prim_path` is not the path of a prim, or no tree has the chosen level.
     """
-    prim_path, time, trees = reading.prim_path, reading.time, reading.trees
+    prim_path, time = reading.prim_path, reading.time
     root = (
         stage.GetPseudoRoot() if prim_path is None else stage.GetPrimAtPath(checked_path(prim_path))
     )
@@ -101,7 +116,7 @@ def appearances(stage: Usd.Stage, reading: StageReading) -> tuple[list[Appearanc
     places = UsdGeom.XformCache(code(time))
     found: list[Appearance]
     if is_exported(root):
-        return _chosen([_once(root, places)], trees), []
+        return _chosen([_once(root, places)], reading), []
     found = []
     notes: list[str] = []
     items = item_choice(stage, code(time))
@@ -123,7 +138,7 @@ def appearances(stage: Usd.Stage, reading: StageReading) -> tuple[list[Appearanc
     if not found:
         where = prim_path or stage.GetRootLayer().identifier
         raise StageError(where, "; ".join(notes) or "no splat field", "a visible splat field")
-    return _chosen(found, trees), notes
+    return _chosen(found, reading), notes
 
 
 def is_exported(prim: Usd.Prim) -> bool:
@@ -131,25 +146,68 @@ def is_exported(prim: Usd.Prim) -> bool:
     return schema.is_splat_field(prim) or schema.is_tree(prim)
 
 
-def _chosen(found: list[Appearance], trees: TreeChoice) -> list[Appearance]:
+def _chosen(found: list[Appearance], reading: StageReading) -> list[Appearance]:
     """Return appearances with what is read of trees.
 
     Raises:
         StageError: If a tree cannot be read, or has no cut with so few splats.
         UsageError: If the choice has no effect, or no tree has that level.
     """
-    chosen = [
-        replace(each, tree=TreeReading.of(each.prim, trees)) if schema.is_tree(each.prim) else each
-        for each in found
+    choice = reading.trees
+    trees = [each for each in found if schema.is_tree(each.prim)]
+    if choice != LEAVES and not trees:
+        raise UsageError("level of detail", "a stage without splat trees", "one with a tree")
+    if choice.view is not None:
+        fields = (each for each in found if not schema.is_tree(each.prim))
+        budgeted = fields if choice.view.budget else ()
+        beside = sum(_splats(each, reading.time) for each in budgeted)
+        chosen = _seen(trees, choice.view, beside)
+    else:
+        own = [TreeReading.of(each.prim, choice) for each in trees]
+        tops = [int(heights(each.tree.table)[0]) for each in own]
+        if choice.level > max(tops, default=0):
+            raise UsageError("level of detail", f"level {choice.level}", f"0 to {max(tops)}")
+        chosen = {
+            id(each): (one,) * len(each.to_world) for each, one in zip(trees, own, strict=True)
+        }
+    return [replace(each, trees=chosen.get(id(each), ())) for each in found]
+
+
+def _seen(
+    trees: list[Appearance], choice: ViewChoice, beside: int
+) -> dict[int, tuple[TreeReading, ...]]:
+    """Return what a picture of a view draws of each tree at each of its places, by the id() of the
+    appearance.
+
+    Args:
+        trees: The trees.
+        choice: The view.
+        beside: Number of splats of the fields beside them.
+    """
+    groups: dict[Sdf.Path, list[Appearance]] = {}  # native instances share a table
+    for each in trees:
+        prim = each.prim.GetPrimInPrototype() if each.prim.IsInstanceProxy() else each.prim
+        groups.setdefault(prim.GetPath(), []).append(each)
+    tables = [
+        (schema.read_tree(group[0].prim), np.concatenate([each.to_world for each in group]))
+        for group in groups.values()
     ]
-    if trees != LEAVES:
-        trees_read = [each.tree.tree for each in chosen if each.tree is not None]
-        tops = [int(heights(tree.table)[0]) for tree in trees_read]
-        if not tops:
-            raise UsageError("level of detail", "a stage without splat trees", "one with a tree")
-        if trees.level > max(tops):
-            raise UsageError("level of detail", f"level {trees.level}", f"0 to {max(tops)}")
-    return chosen
+    found = {}
+    cuts = view_cuts(tables, choice, beside=beside)
+    for group, (tree, _), own in zip(groups.values(), tables, cuts, strict=True):
+        known = {id(cut): TreeReading(group[0].prim, tree, cut) for cut in own}
+        readings = (known[id(cut)] for cut in own)
+        for each in group:
+            found[id(each)] = tuple(islice(readings, len(each.to_world)))
+    return found
+
+
+def _splats(field: Appearance, time: float | None) -> int:
+    """Return the number of splats of a field at all of its places."""
+    when = attributes.time_code(field.prim, time)
+    names = schema.tokens.POSITIONS, schema.tokens.POSITIONS_HALF
+    counts = (attributes.length(field.prim, name, when) for name in names)
+    return max(counts) * len(field.to_world)
 
 
 def code(time: float | None) -> Usd.TimeCode:
