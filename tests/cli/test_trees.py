@@ -30,6 +30,29 @@ def test_info_prints_a_line_for_each_level(tree: Path, capsys: pytest.CaptureFix
     assert "chunks 3" in lines and "splats 200" in lines
 
 
+def test_info_says_what_a_view_loads(tree: Path, capsys: pytest.CaptureFixture) -> None:
+    """Oracle: the counts of the levels; 23 numbers of 4 bytes for each splat of degree 1."""
+    with_cameras(tree)
+    for flags, splats in ((["--camera", "At"], 200), (["--lod-error", "1000"], 14)):
+        assert main(["info", str(tree), "--json", *flags]) == 0
+        view = json.loads(capsys.readouterr().out)["views"][0]
+        assert (view["camera"], view["splats"]) == ("/tree/At", splats)
+        assert view["bytes"] == 4 * 23 * splats
+    assert main(["info", str(tree), "--camera", "At"]) == 0
+    lines = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
+    assert {"camera /tree/At", "resolution 1920 1080", "lod error 1"} < set(lines)
+    assert main(["info", str(tree), "--camera", "No"]) == 2
+    said = "--camera: found 'No', expected one of /tree/At, /tree/Away"
+    assert said in capsys.readouterr().err
+
+
+def test_a_capture_has_no_view(capture: Path, capsys: pytest.CaptureFixture) -> None:
+    """Oracle: the flags that have no effect."""
+    for flag, value in (("--camera", "At"), ("--lod-error", "2")):
+        assert main(["info", str(capture), flag, value]) == 2
+        assert f"{flag}: found a capture, {capture}, expected a stage" in capsys.readouterr().err
+
+
 def test_a_moved_folder_is_one_sentence_of_each_command(
     tree: Path, capsys: pytest.CaptureFixture
 ) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -14,7 +15,8 @@ from usdsplat.core.errors import StageError, UsageError
 from usdsplat.delegate.engine import Engine
 from usdsplat.interchange.exporting import export_stage
 from usdsplat.interchange.options import StageReading
-from usdsplat.products.tree_views import ViewRequest, choice_of, view_of
+from usdsplat.products import summary
+from usdsplat.products.tree_views import MOST_VIEWS, ViewRequest, choice_of, view_of
 from usdsplat.render.lod.nodes import view_cut
 
 
@@ -24,7 +26,8 @@ def stage(tmp_path: Path) -> Usd.Stage:
     two cameras."""
     stage, _ = tree_stage(tmp_path)
     near, far = add_camera(stage, "/Near", eye=(0, 0, 4)), add_camera(stage, "/Far")
-    near.GetPrim().GetAttribute("xformOp:translate").Set(Gf.Vec3d(0, 0, 40), 9)
+    for frame, z in ((0, 4), (9, 40)):
+        near.GetPrim().GetAttribute("xformOp:translate").Set(Gf.Vec3d(0, 0, z), frame)
     far.GetPrim().GetAttribute("xformOp:translate").Set(Gf.Vec3d(0, 0, 400))
     many = UsdGeom.PointInstancer.Define(stage, "/Many")
     proto = stage.DefinePrim("/Many/Tree")
@@ -112,3 +115,50 @@ def test_what_is_not_there_is_one_sentence(stage: Usd.Stage, tmp_path: Path) -> 
         stage.GetPrimAtPath(path).SetActive(False)
     with pytest.raises(UsageError, match="found a stage without splat trees"):
         export_stage(stage, tmp_path / "a.ply", StageReading(trees=choice))
+
+
+def test_every_camera_is_described_by_what_its_picture_loads(stage: Usd.Stage) -> None:
+    """Oracle: the memory of the renderer after the picture of each camera; one that frames
+    everything without cameras."""
+    found = summary.of_stage(stage, None, view=ViewRequest(settings={"lod_error": 2.0}))
+    assert [each["camera"] for each in found["views"]] == ["/Far", "/Near"]
+    for told in found["views"]:
+        assert (told["resolution"], told["lod_error"], told["frame"]) == ([1920, 1080], 2.0, None)
+        with Engine(stage, device="cpu", time=None) as engine:
+            view, how = view_of(engine, ViewRequest(camera=told["camera"]))
+            for _ in engine.render(view, replace(how, lod_error=2.0)):
+                pass
+            assert engine.render_scene.node_cache.bytes == told["bytes"] > 0
+            cut = view_cut(engine.render_scene, view, replace(how, lod_error=2.0))
+            assert cut.splats == told["splats"]
+    for path in ("/Near", "/Far"):
+        stage.GetPrimAtPath(path).SetActive(False)
+    (told,) = summary.of_stage(stage, None)["views"]
+    assert (told["camera"], told["frames_everything"], told["lod_error"]) == (None, True, 1.0)
+    assert told["splats"] > 0
+
+
+def test_views_are_at_the_first_frame_and_not_too_many(stage: Usd.Stage) -> None:
+    """Oracle: the numbers that were authored; a camera that cannot be used has its problem."""
+    stage.SetStartTimeCode(9)
+    stage.SetEndTimeCode(12)
+    for number in range(MOST_VIEWS):
+        add_camera(stage, f"/A{number:02}", eye=(0, 0, 99))
+    stage.GetPrimAtPath("/A00").GetAttribute("focalLength").Set(float("nan"))
+    found = summary.of_stage(stage, None)
+    assert (len(found["views"]), found["views_left_out"]) == (MOST_VIEWS, 2)
+    assert "problem" in found["views"][0] and found["views"][1]["frame"] == 9
+    near = summary.of_stage(stage, None, view=ViewRequest(camera="Near"))
+    (early,) = near["views"]
+    assert (early["camera"], near["views_left_out"]) == ("/Near", None)
+    (late,) = summary.of_stage(stage, 0.0, view=ViewRequest(camera="Near"))["views"]
+    assert early["splats"] < late["splats"]
+
+
+def test_a_view_of_a_stage_without_trees_is_one_sentence() -> None:
+    """Oracle: the contract of errors; without a request there is nothing to say."""
+    stage = Usd.Stage.CreateInMemory()
+    schema.author(stage, "/Field", random_cloud(3, n=5))
+    assert "views" not in summary.of_stage(stage, None)
+    with pytest.raises(UsageError, match="found a stage without splat trees"):
+        summary.of_stage(stage, None, view=ViewRequest(settings={"lod_error": 2.0}))

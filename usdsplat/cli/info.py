@@ -7,6 +7,8 @@ examples:
       every splat field with statistics, every splat tree with its levels, and cameras, frames and
       render products
   usdsplat info shot.usd --frame 12
+  usdsplat info city.usda --camera /World/Cam --lod-error 2
+      what a picture of the camera loads of splat trees: nodes, splats, and bytes in memory
   usdsplat info scan.sog --json
   usdsplat info scan.sog --plot report.html
       the same with pictures from three sides and histograms; .png works too;
@@ -22,15 +24,29 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from usdsplat.cli import console
-from usdsplat.cli.arguments import option, positional
+from usdsplat.cli.arguments import flags_of, given, option, positional
+from usdsplat.cli.flag_names import spelled
 from usdsplat.cli.reporting import Reporter, ReportingOptions
 from usdsplat.cli.stage_options import StageOptions
 from usdsplat.cli.values import time_code
 from usdsplat.core.errors import UsageError
 from usdsplat.core.text import shown
+from usdsplat.render.settings import RenderSettings
 
 if TYPE_CHECKING:
     from usdsplat.products.report import Report
+
+
+LevelFlags: Any = flags_of(RenderSettings, ("lod_error",))
+
+
+@dataclass(frozen=True, kw_only=True)
+class ViewOptions(LevelFlags):
+    """The view of which it is described what it loads of splat trees."""
+
+    camera: Annotated[str | None, option("CAMERA")] = None
+    """path or name; default: every camera, or one that frames everything; animated cameras are at
+    --frame, or at the first frame"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,6 +61,7 @@ class Options:
     """print one JSON object"""
     plot: Annotated[Path | None, option("FILE")] = None
     """also write a page with histograms and views from front, right and above: .png or .html"""
+    view: ViewOptions = field(default_factory=ViewOptions)
     opening: StageOptions = field(default_factory=StageOptions)
     reporting: ReportingOptions = field(default_factory=ReportingOptions)
 
@@ -62,8 +79,9 @@ def run(options: Options, reporter: Reporter) -> int:
         described = _stage(options, reporter)
     else:
         check_no_stage_options(options.file, options.opening)
-        if time_code(options.frame) is not None:
-            raise UsageError("--frame", f"a capture, {options.file}", "a stage")
+        flags = {"frame": options.frame, "camera": options.view.camera, **given(options.view)}
+        for name in (name for name, value in flags.items() if value is not None):
+            raise UsageError(f"--{spelled(name)}", f"a capture, {options.file}", "a stage")
         described = _capture(options, reporter)
     if options.json:
         reporter.print_json(described)
@@ -77,12 +95,14 @@ def _stage(options: Options, reporter: Reporter) -> dict[str, Any]:
     from usdsplat.cli.stages import open_stage
     from usdsplat.products import summary
     from usdsplat.products.checking import opening_findings
+    from usdsplat.products.tree_views import ViewRequest
 
+    view = ViewRequest(camera=options.view.camera, settings=given(options.view))
     time = time_code(options.frame)
     with reporter.progress() as progress:
         stage = open_stage(options.file, options.opening, reporter)
         reporter.findings.extend(opening_findings(stage, time))
-        described = summary.of_stage(stage, time, progress=progress)
+        described = summary.of_stage(stage, time, view=view, progress=progress)
     described = {"file": str(options.file), **described}
     if options.plot:
         from usdsplat.products import report

@@ -19,6 +19,7 @@ from usdsplat.interchange.axes_choice import choose_axes, with_axes
 from usdsplat.interchange.frame_guess import guess_frame
 from usdsplat.interchange.unapplied import is_cropped, is_graded
 from usdsplat.products.tree_summary import of_tree
+from usdsplat.products.tree_views import EVERY_VIEW, ViewRequest, of_views
 from usdsplat.schema.proxy import points_of
 from usdsplat.schema.stage_values import up_axis
 from usdsplat.schema.validation import splat_fields, splat_trees
@@ -64,14 +65,24 @@ def _guessed(capture: Capture) -> dict[str, Any]:
 
 
 def of_stage(
-    stage: Usd.Stage, time: float | None, *, progress: Progress = silent
+    stage: Usd.Stage,
+    time: float | None,
+    *,
+    view: ViewRequest = EVERY_VIEW,
+    progress: Progress = silent,
 ) -> dict[str, Any]:
-    """Describe a stage, and every splat field and tree on it.
+    """Describe a stage, every splat field and tree on it, and what views load of the trees.
 
     Args:
         stage: The stage; it is not changed.
         time: Time code at which fields are read; None for the default value, or the first sample.
+            Views are then at the first frame of the stage's range.
+        view: View of which it is described what it loads; by default those of all cameras.
         progress: Receives the progress by fields.
+
+    Raises:
+        StageError: If `view` names a camera that does not exist, or cannot be used.
+        UsageError: If a value of `view` is invalid, or it has no effect.
     """
     frames = [stage.GetStartTimeCode(), stage.GetEndTimeCode()]
     fields = list(splat_fields(stage))
@@ -89,7 +100,7 @@ def of_stage(
         "frames": frames if stage.HasAuthoredTimeCodeRange() else None,
         "frames_per_second": stage.GetTimeCodesPerSecond(),
         "splats": sum(entry.get("splats", 0) for entry in (*described, *trees)),
-        **_drawn(stage, time),
+        **_drawn(stage, time, view),
         "cameras": [str(prim.GetPath()) for prim in prims if prim.IsA(UsdGeom.Camera)],
         "points": [_of_points(prim, time) for prim in points_of(prims)],
         "products": [str(prim.GetPath()) for prim in prims if prim.IsA(UsdRender.Product)],
@@ -98,18 +109,21 @@ def of_stage(
     }
 
 
-def _drawn(stage: Usd.Stage, time: float | None) -> dict[str, Any]:
+def _drawn(stage: Usd.Stage, time: float | None, view: ViewRequest) -> dict[str, Any]:
     """Return what a picture contains: the numbers of its splats and surfaces, and their bounds in
     the world. A splat tree counts with the splats of its leaves. Each instance counts, hidden prims
-    do not."""
+    do not. What views load of trees follows."""
     with Engine(stage, time=time) as engine:
         scene = engine.render_scene
         bounds = scene.bounds()
-        return {
+        drawn = {
             "splats_drawn": scene.draw_list().total,
             "surfaces_drawn": len(scene.drawn_meshes()),
             "world_bounds": None if bounds is None else [corner.tolist() for corner in bounds],
         }
+        if time is None and stage.HasAuthoredTimeCodeRange():
+            engine.set_time(stage.GetStartTimeCode())
+        return {**drawn, **of_views(engine, view)}
 
 
 def _of_field(prim: Usd.Prim, time: float | None) -> dict[str, Any]:

@@ -1,21 +1,25 @@
-"""Describe the views of a stage for which its splat trees are read."""
+"""Find the views of a stage for which splat trees are read, and what they read."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from pxr import Usd
 
-from usdsplat.core.errors import UsageError
+from usdsplat.core.errors import StageError, UsageError
 from usdsplat.core.knobs import checked
 from usdsplat.delegate.engine import Engine
 from usdsplat.interchange import TreeChoice, ViewChoice
 from usdsplat.products.planning import NO_PRODUCT, find_camera
 from usdsplat.products.request import MOST_PIXELS
+from usdsplat.render.lod.memory import view_load
 from usdsplat.render.settings import RenderSettings
 from usdsplat.render.specs import Framing, View
+
+MOST_VIEWS = 20
+"""Largest number of cameras for which it is described what their views load."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -26,8 +30,12 @@ class ViewRequest:
     """Path of a camera, or its name if it is unique."""
     resolution: tuple[int, int] | None = None
     """Width and height [pixel]."""
-    settings: Mapping[str, Any] | None = None
+    settings: Mapping[str, Any] = field(default_factory=dict)
     """Values of `RenderSettings`."""
+
+
+EVERY_VIEW = ViewRequest()
+"""The views of all cameras."""
 
 
 def view_of(engine: Engine, request: ViewRequest) -> tuple[View, RenderSettings]:
@@ -41,7 +49,7 @@ def view_of(engine: Engine, request: ViewRequest) -> tuple[View, RenderSettings]
         UsageError: If a value is invalid.
     """
     path = None if request.camera is None else find_camera(engine, request.camera)
-    given = request.settings or {}
+    given = request.settings
     for side in request.resolution or ():
         if side > MOST_PIXELS:
             raise UsageError("--resolution", str(side), f"at most {MOST_PIXELS} pixels on a side")
@@ -71,3 +79,55 @@ def choice_of(
         view, settings = view_of(engine, request)
         chosen = ViewChoice(view=view, error=settings.lod_error, budget=settings.splat_budget)
         return TreeChoice(view=chosen), engine.time
+
+
+def of_views(engine: Engine, request: ViewRequest) -> dict[str, Any]:
+    """Describe what a picture of each camera would load of the splat trees, without reading it.
+
+    Numbers are those of a picture without blur, at the engine's time. Without cameras, the view
+    frames everything.
+
+    Args:
+        engine: The engine.
+        request: The view; without a camera all cameras are described, at most MOST_VIEWS.
+
+    Returns:
+        `views`, a list, and `views_left_out`, the number of cameras without an entry if there are
+        any, in values that JSON can hold; nothing without a visible tree.
+
+    Raises:
+        StageError: As for `view_of`, if the request names a camera.
+        UsageError: As for `view_of`, or if it is not empty and there is no visible tree.
+    """
+    if not engine.render_scene.drawn_trees():
+        if request != EVERY_VIEW:
+            raise UsageError("level of detail", "a stage without splat trees", "one with a tree")
+        return {}
+    if request.camera is not None:
+        return {"views": [_of_view(engine, request)], "views_left_out": None}
+    cameras = engine.cameras()
+    views = []
+    described: list[str | None] = [*cameras[:MOST_VIEWS]]
+    for camera in described or [None]:
+        try:
+            views.append(_of_view(engine, replace(request, camera=camera)))
+        except StageError as error:
+            views.append({"camera": camera, "problem": str(error)})
+    return {"views": views, "views_left_out": max(0, len(cameras) - MOST_VIEWS) or None}
+
+
+def _of_view(engine: Engine, request: ViewRequest) -> dict[str, Any]:
+    """Describe what a picture of one camera would load."""
+    view, settings = view_of(engine, request)
+    load = view_load(engine.render_scene, view, settings)
+    return {
+        "camera": view.camera.path or None,
+        "frames_everything": request.camera is None,
+        "frame": engine.time,
+        "resolution": list(view.framing.resolution),
+        "lod_error": settings.lod_error,
+        "splat_budget": settings.splat_budget or None,
+        "nodes": load.nodes,
+        "splats": load.splats,
+        "bytes": load.bytes,
+    }

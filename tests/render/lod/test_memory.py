@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import pytest
+
 from tests.render.lod.test_nodes import tree_scene
 from tests.render.lod.trees import made
 from tests.render.rendering import lens, picture, settings_of, view_of
-from usdsplat.render.lod.memory import PER_SPLAT, estimate
+from usdsplat.render.lod.memory import PER_SPLAT, estimate, view_load
 from usdsplat.render.memory import COLOR_ALONE
+from usdsplat.render.specs import InstanceSpec
 
 
 def test_a_finer_cut_takes_more_and_nothing_is_read():
@@ -27,3 +30,23 @@ def test_a_finer_cut_takes_more_and_nothing_is_read():
     assert tree.reads == []
     picture(scene, view, aovs=("color",), lod_error=0.0)
     assert scene.node_cache.bytes == one * many
+
+
+@pytest.mark.parametrize("settings", [{}, {"lod_samples": 1}, {"splat_budget": 700}])
+@pytest.mark.parametrize("error", [0.0, 0.7, 3.0, 1000.0])
+def test_a_load_is_what_a_picture_reads(error, settings):
+    """Oracle: the cache of the renderer after the picture, and the reads of the tree's nodes."""
+    tree = made(1, leaf=20, strays=9)
+    moves = [(0, 0, 0), (0.5, 0, -4), (0, 0, -40), (900, 0, 0)]
+    transforms = [(1, 0, 0, x, 0, 1, 0, y, 0, 0, 1, z, 0, 0, 0, 1) for x, y, z in moves]
+    instances = [
+        InstanceSpec(path="/tree", index=index, transform=transform)
+        for index, transform in enumerate(transforms)
+    ]
+    scene, view = tree_scene(tree, *instances), view_of(lens())
+    settings = {"lod_error": error, **settings}
+    load = view_load(scene, view, settings_of(**settings))
+    assert tree.reads == []
+    picture(scene, view, aovs=("color",), **settings)
+    assert load.bytes == scene.node_cache.bytes
+    assert load.nodes == len({chunk for chunk, _, _ in tree.reads})

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Hashable
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from usdsplat.render import memory
-from usdsplat.render.lod.nodes import view_cut
+from usdsplat.render.lod.nodes import fades, view_cut
 from usdsplat.render.memory import Estimate, PictureRequest
 from usdsplat.render.scene import RenderScene
 from usdsplat.render.settings import RenderSettings
@@ -16,6 +19,35 @@ PER_SPLAT = 250
 lists."""
 PER_PIXEL = 4 * (4 + 3 + 4 + 4 + 1)
 """Bytes of the buffers for one pixel of a band: sums over samples, and over their repetitions."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ViewLoad:
+    """What a picture of a view needs of the splat trees of a scene."""
+
+    nodes: int
+    """Number of nodes that are read; instances share them."""
+    splats: int
+    """Number of splats that are drawn; each instance counts."""
+    bytes: int
+    """Size of the splats of these nodes in memory."""
+
+
+def view_load(scene: RenderScene, view: View, settings: RenderSettings) -> ViewLoad:
+    """Return what a picture of a view without blur needs of the splat trees. Nothing is read."""
+    cut = view_cut(scene, view, settings)
+    finest = cut.error_at(1.0 if fades(settings) else 0.0)
+    sizes: dict[tuple[Hashable, int, bool], int] = {}  # trees of equal chunks share their splats
+    for (_, tree), reached in zip(scene.drawn_trees(), cut.trees, strict=True):
+        spec, table, seen = tree.spec, tree.spec.table, reached.keeping(reached.seen)
+        whole = seen.nodes[seen.errors <= finest]  # in any instance and sample
+        for of_proxies, nodes in ((False, seen.nodes), (True, whole)):
+            counts = table.proxies if of_proxies else table.residents
+            for node in np.unique(nodes[counts[nodes] > 0]).tolist():
+                key = spec.chunks[table.chunk[node]], int(table.first_row[node]), of_proxies
+                sizes[key] = int(counts[node]) * spec.splat_bytes
+    read = {(chunk, row) for chunk, row, _ in sizes}
+    return ViewLoad(nodes=len(read), splats=cut.splats, bytes=sum(sizes.values()))
 
 
 def estimate(
@@ -33,10 +65,9 @@ def estimate(
     )
     if not scene.has_trees:
         return found
-    splats = view_cut(scene, view, settings).splats
-    of_one = max((tree.spec.splat_bytes for _, tree in scene.drawn_trees()), default=0)
-    more = max(0, splats * of_one - scene.node_cache.bytes)
-    buffers = request.pictures * splats * PER_SPLAT
+    load = view_load(scene, view, settings)
+    more = max(0, load.bytes - scene.node_cache.bytes)
+    buffers = request.pictures * load.splats * PER_SPLAT
     x0, _, x1, _ = view.framing.window
     band = request.pictures * found.rows * (x1 - x0) * PER_PIXEL
     return replace(

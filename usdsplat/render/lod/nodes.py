@@ -58,7 +58,7 @@ class PictureNodes:
         self, sampler: TimeSampler, plan: Sequence[Sample], settings: RenderSettings
     ) -> None:
         self._settings = settings
-        self._fades = settings.lod_samples > 1 or settings.samples > 1
+        self._fades = fades(settings)
         scene, screens, self._seen = gathered(sampler, plan)
         budget = settings.splat_budget
         self._cut, self._fields = self._loaded(
@@ -270,6 +270,11 @@ def view_cut(scene: RenderScene, view: View, settings: RenderSettings) -> Cut:
     views = [each.view() for each in seen.values()]
     budget = _tree_budget(scene, settings)
     return choose(views, screens, error=settings.lod_error, budget=budget)
+
+
+def fades(settings: RenderSettings) -> bool:
+    """Return whether the samples of a picture have different cuts, which fade into each other."""
+    return settings.lod_samples > 1 or settings.samples > 1
 
 
 def samples_of(
