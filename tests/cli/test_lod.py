@@ -15,7 +15,7 @@ def test_a_capture_becomes_a_tree(run, capture, tmp_path):
     assert out.startswith(f"{tmp_path}/new/t.usda: 300 splats, degree 1\n  prim   /t/splats\n")
     assert "  tree   1 node in 1 level, 1 leaf, 1 chunk\n" in out
     names = sorted(path.name for path in (tmp_path / "new").rglob("*"))
-    assert names == ["0000.usdc", "t.usda", "t_chunks"]
+    assert names == ["0000.usdc", "coarse.usdc", "t.usda", "t_chunks"]
     stage = Usd.Stage.Open(str(tmp_path / "new" / "t.usda"))
     assert stage.GetPrimAtPath("/t/splats").GetTypeName() == "ParticleFieldSplatTree"
 

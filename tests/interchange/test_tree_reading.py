@@ -20,7 +20,7 @@ from usdsplat.interchange.exporting import export_stage
 from usdsplat.interchange.options import ExportOptions, StageReading
 from usdsplat.interchange.tree_reading import TreeChoice, TreeReading
 from usdsplat.schema.hints import DrawingHints
-from usdsplat.schema.lod_roots import author_lod_root
+from usdsplat.schema.lod_root_authoring import author_lod_root
 
 ARRAYS = ("positions", "scales", "rotations", "opacities", "sh")
 

@@ -14,13 +14,12 @@ from tests.trees import little_tree
 from usdsplat import schema
 from usdsplat.core.errors import StageError, UsageError
 from usdsplat.core.lod_heuristics import LodView
-from usdsplat.schema import lod_roots
+from usdsplat.schema import lod_root_authoring, lod_roots
 from usdsplat.schema.hints import DrawingHints
+from usdsplat.schema.lod_root_authoring import author_lod_root
 from usdsplat.schema.lod_roots import (
-    author_lod_root,
     is_lod_root,
     read_lod_root,
-    shown_item,
     tree_level,
 )
 
@@ -104,7 +103,7 @@ def test_a_root_is_chosen_by_the_size_of_all_its_fields(stage: Usd.Stage) -> Non
                              Gf.Frustum.Perspective)  # fmt: skip
         query = heuristic.CreateScreenSizeHeuristicQuery()
         expected = query.ComputeLOD(query.ComputeScreenSize(frustum, Gf.Matrix4d(1)))
-        (shown,) = shown_item(root, NOW, view_at(distance))
+        (shown,) = read_lod_root(root, NOW).shown(view_at(distance))
         assert shown == f"/City/coarse/lod{expected:g}"
         seen.add(shown)
     assert len(seen) == 3
@@ -113,11 +112,11 @@ def test_a_root_is_chosen_by_the_size_of_all_its_fields(stage: Usd.Stage) -> Non
 def test_without_a_view_the_default_is_chosen(stage: Usd.Stage) -> None:
     """Oracle: `lod:default:index`, clamped to the items."""
     root = authored(stage, default=2)
-    assert shown_item(root, NOW) == ("/City/coarse/lod2",)
+    assert read_lod_root(root, NOW).shown() == ("/City/coarse/lod2",)
     root.GetAttribute("lod:default:index").Set(99)
-    assert shown_item(root, NOW) == ("/City/coarse/lod2",)
+    assert read_lod_root(root, NOW).shown() == ("/City/coarse/lod2",)
     root.GetAttribute("lod:default:index").Set(-1)
-    assert shown_item(root, NOW) == ("/City/coarse/lod0",)
+    assert read_lod_root(root, NOW).shown() == ("/City/coarse/lod0",)
 
 
 @pytest.mark.parametrize(
@@ -143,7 +142,7 @@ def test_an_override_at_or_above_decides(
     override.CreateLodOverrideModeAttr(mode)
     override.CreateLodOverrideIndexAttr(index)
     paths = tuple(f"/City/coarse/{name}" for name in shown)
-    assert shown_item(root, NOW, view_at(0.001)) == paths
+    assert read_lod_root(root, NOW).shown(view_at(0.001)) == paths
     theirs, number = UsdLod.OverrideAPI(root).ComputeLODOverride()
     ours = read_lod_root(root, NOW)
     assert theirs in (ours.mode, "inherited", "nonsense")
@@ -156,7 +155,7 @@ def test_an_override_below_hides_one_above(stage: Usd.Stage) -> None:
     UsdLod.OverrideAPI.Apply(stage.GetPrimAtPath("/City")).CreateLodOverrideModeAttr("noLOD")
     UsdLod.OverrideAPI.Apply(root).CreateLodOverrideModeAttr("noOverride")
     assert UsdLod.OverrideAPI(root).ComputeLODOverride()[0] == "noOverride"
-    assert len(shown_item(root, NOW)) == 1
+    assert len(read_lod_root(root, NOW).shown()) == 1
 
 
 def test_roots_of_others_are_read(stage: Usd.Stage) -> None:
@@ -174,12 +173,12 @@ def test_roots_of_others_are_read(stage: Usd.Stage) -> None:
     distance.CreateCenterAttr((0, 0, 5))
     UsdLod.RootAPI(root).CreateLodHeuristicsRel().SetTargets(["/Gone", "/Sound", "/Distance"])
     for z, name in ((14.9, "high"), (15.1, "low")):
-        assert shown_item(root, NOW, view_at(z)) == (f"/Tree/{name}",)
+        assert read_lod_root(root, NOW).shown(view_at(z)) == (f"/Tree/{name}",)
     cube = UsdGeom.Cube.Define(stage, "/Cube")
     cube.CreateExtentAttr([(-1, -1, -1), (1, 1, 20)])
     distance.CreateBoundingVolumeRel().SetTargets(["/Cube"])
     for z, name in ((29.9, "high"), (30.1, "low")):
-        assert shown_item(root, NOW, view_at(z)) == (f"/Tree/{name}",)
+        assert read_lod_root(root, NOW).shown(view_at(z)) == (f"/Tree/{name}",)
 
 
 def test_schemas_that_usd_does_not_know_are_read_by_name(
@@ -188,24 +187,25 @@ def test_schemas_that_usd_does_not_know_are_read_by_name(
     """Oracle: names that are in no registry, as those of UsdLod are before 26.8."""
     for name in ("ROOT_API", "OVERRIDE_API", "SCREEN_SIZE"):
         unknown = f"Unknown{getattr(lod_roots, name)}"
-        monkeypatch.setattr(lod_roots, name, unknown)
+        for module in (lod_roots, lod_root_authoring):
+            monkeypatch.setattr(module, name, unknown, raising=module is lod_roots)
         registry = Usd.SchemaRegistry()
         assert not registry.FindAppliedAPIPrimDefinition(unknown)
         assert not registry.FindConcretePrimDefinition(unknown)
     root = authored(stage)
     assert is_lod_root(root) and root.GetAppliedSchemas() == []
-    assert shown_item(root, NOW, view_at(5)) == ("/City/coarse/lod0",)
-    assert shown_item(root, NOW, view_at(5000)) == ("/City/coarse/lod2",)
+    assert read_lod_root(root, NOW).shown(view_at(5)) == ("/City/coarse/lod0",)
+    assert read_lod_root(root, NOW).shown(view_at(5000)) == ("/City/coarse/lod2",)
     root.AddAppliedSchema("UnknownLODOverrideAPI")
     root.CreateAttribute("lod:override:mode", Sdf.ValueTypeNames.Token).Set("noLOD")
-    assert shown_item(root, NOW, view_at(5)) == ()
+    assert read_lod_root(root, NOW).shown(view_at(5)) == ()
 
 
 def test_a_root_without_items_shows_nothing(stage: Usd.Stage) -> None:
     """Oracle: it has no children."""
     root = stage.DefinePrim("/Tree", "Xform")
     UsdLod.RootAPI.Apply(root)
-    assert is_lod_root(root) and shown_item(root, NOW) == ()
+    assert is_lod_root(root) and read_lod_root(root, NOW).shown() == ()
 
 
 def test_other_prims_and_types_are_one_sentence(stage: Usd.Stage) -> None:

@@ -12,7 +12,8 @@ examples:
 
 notes:
   The leaves of a tree hold the splats of its inputs. Its other nodes hold fewer and larger splats,
-  which stand for them. See docs/levels_of_detail.md.
+  which stand for them. Beside the tree are coarse fields of USD's own type, for renderers that do
+  not draw trees. See docs/levels_of_detail.md.
   Captures that do not state their axes share those that most of their splats suggest.
   Inputs are never changed. The tree appears when it is complete. If the command is interrupted or
   killed, the same command continues; until then, the hidden folder .NAME.building is beside OUT.
@@ -146,6 +147,7 @@ def _told(report: LodReport) -> str:
         f"{counted(report.chunks, 'chunk')}",
         f"  size   {said_bytes(report.size)}, {report.size / report.leaf_size:.2f} times that of "
         "its leaves",
+        f"  coarse {', '.join(map(str, report.coarse))} splats in fields for other renderers",
         f"  pixel  {report.pixel:.4g}, errors {report.errors[0]:.4g} to {report.errors[1]:.4g}",
         f"  axes   {report.axes}",
     ]

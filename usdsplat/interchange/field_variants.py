@@ -13,6 +13,7 @@ from pxr import Sdf, Tf, Usd, UsdVol
 
 from usdsplat import schema
 from usdsplat.core.errors import StageError
+from usdsplat.schema.lod_roots import find_roots
 
 MOST = 64
 """Largest number of combinations of variants for one field."""
@@ -127,6 +128,7 @@ class _Walk:
 
     def __init__(self, stage: Usd.Stage) -> None:
         self._stage = stage
+        self._roots = find_roots(stage)
         self._found: dict[Sdf.Path, list[tuple[Selection, _Opinions]]] = {}
         self._visits: dict[Sdf.Path, int] = {}
         self._concerned: dict[tuple[str, Sdf.Path], bool] = {}
@@ -151,7 +153,7 @@ class _Walk:
             return
         self._visits[path] = self._visits.get(path, 0) + 1
         _check_count(path, self._visits[path], _MOST_WALKED)
-        if schema.is_splat_field(prim):
+        if schema.is_splat_field(prim) and not self._roots.is_replaced(prim):
             seen = self._found.setdefault(path, [])
             seen.append((fixed, opinions(prim)))
             _check_count(path, len(seen), MOST)

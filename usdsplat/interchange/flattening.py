@@ -9,6 +9,7 @@ from usdsplat.core.errors import StageError
 from usdsplat.core.readable import original
 from usdsplat.interchange.asset_paths import replace_links
 from usdsplat.interchange.field_writing import FieldWriter, remove_data, restored_specifiers
+from usdsplat.schema.lod_roots import find_roots
 
 
 def flattened(stage: Usd.Stage, where: str, writer: FieldWriter) -> Sdf.Layer:
@@ -31,7 +32,9 @@ def flattened(stage: Usd.Stage, where: str, writer: FieldWriter) -> Sdf.Layer:
     after = Sdf.Layer.CreateAnonymous(".usda")
     after.TransferContent(before)
     old, new = Usd.Stage.Open(before), Usd.Stage.Open(after)
-    fields = [prim for prim in old.TraverseAll() if schema.is_splat_field(prim)]
+    roots = find_roots(old)
+    everything = (prim for prim in old.TraverseAll() if not roots.is_replaced(prim))
+    fields = list(filter(schema.is_splat_field, everything))
     if not fields:
         raise StageError(where, "no splat field", "at least one")
     changed = [prim for prim in fields if writer.changes(prim)]

@@ -24,6 +24,7 @@ from usdsplat.interchange.field_variants import (
     select,
 )
 from usdsplat.interchange.field_writing import FieldWriter, remove_data, restored_specifiers
+from usdsplat.schema.lod_roots import find_roots
 
 _EVALUATED = "asset paths with variables were evaluated, because the file is in another folder"
 
@@ -226,9 +227,11 @@ def _comes_from(prim: Usd.Prim, root: Sdf.Layer, fields: Set[Sdf.Path]) -> bool:
 
 def _in_instances(stage: Usd.Stage) -> Iterator[Usd.Prim]:
     """Yield a prim for each field in a prototype: that of the first instance."""
-    seen = set()
+    seen, roots = set(), find_roots(stage)
     for prim in Usd.PrimRange.Stage(stage, Usd.TraverseInstanceProxies()):
-        if prim.IsInstanceProxy() and schema.is_splat_field(prim):
+        if not prim.IsInstanceProxy() or roots.is_replaced(prim):
+            continue
+        if schema.is_splat_field(prim):
             source = prim.GetPrimInPrototype().GetPath()
             if source not in seen:
                 seen.add(source)

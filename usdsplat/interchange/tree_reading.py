@@ -3,6 +3,7 @@ cut of a view."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -93,21 +94,7 @@ class TreeReading:
         """
         rows = self.cut.rows(self.tree.table)
         self._check_chunks(rows)
-        n, degree = len(self), self.tree.degree
-        cloud = SplatCloud(
-            positions=np.empty((n, 3), np.float32),
-            scales=np.empty((n, 3), np.float32),
-            rotations=np.empty((n, 4), np.float32),
-            opacities=np.empty(n, np.float32),
-            sh=np.empty((n, coefficient_count(degree), 3), np.float32),
-        )
-        start = 0
-        for chunk, first, count in rows:
-            part = schema.read_chunk(self.tree.chunks[chunk], first, count)
-            for name in ("positions", "scales", "rotations", "opacities", "sh"):
-                getattr(cloud, name)[start : start + count] = getattr(part, name)
-            start += count
-        return cloud
+        return read_rows(self.tree.chunks, rows, self.tree.degree)
 
     def _check_chunks(self, rows: list[tuple[int, int, int]]) -> None:
         """Raise an error if a chunk lacks rows, before memory for all of them is allocated."""
@@ -125,3 +112,33 @@ class TreeReading:
             if degree != self.tree.degree:
                 found_degree = f"harmonics of degree {degree}"
                 raise StageError(path, found_degree, f"{self.tree.degree}, as in the tree")
+
+
+def read_rows(
+    chunks: Sequence[str], rows: Sequence[tuple[int, int, int]], degree: int
+) -> SplatCloud:
+    """Read rows of chunks as one cloud.
+
+    Args:
+        chunks: File of each chunk.
+        rows: What to read, as (chunk, first row, number of rows); see `NodeCut.rows`.
+        degree: Degree of the harmonics of the chunks.
+
+    Raises:
+        StageError: If a chunk cannot be read, or does not have these rows.
+    """
+    n = sum(count for _, _, count in rows)
+    cloud = SplatCloud(
+        positions=np.empty((n, 3), np.float32),
+        scales=np.empty((n, 3), np.float32),
+        rotations=np.empty((n, 4), np.float32),
+        opacities=np.empty(n, np.float32),
+        sh=np.empty((n, coefficient_count(degree), 3), np.float32),
+    )
+    start = 0
+    for chunk, first, count in rows:
+        part = schema.read_chunk(chunks[chunk], first, count)
+        for name in ("positions", "scales", "rotations", "opacities", "sh"):
+            getattr(cloud, name)[start : start + count] = getattr(part, name)
+        start += count
+    return cloud

@@ -20,6 +20,7 @@ from usdsplat.interchange.frame_guess import guess_frame
 from usdsplat.interchange.unapplied import is_cropped, is_graded
 from usdsplat.products.tree_summary import of_tree
 from usdsplat.products.tree_views import EVERY_VIEW, ViewRequest, of_views
+from usdsplat.schema.lod_roots import find_roots
 from usdsplat.schema.proxy import points_of
 from usdsplat.schema.stage_values import up_axis
 from usdsplat.schema.validation import splat_fields, splat_trees
@@ -73,6 +74,8 @@ def of_stage(
 ) -> dict[str, Any]:
     """Describe a stage, every splat field and tree on it, and what views load of the trees.
 
+    Fields for other renderers, of which a tree is drawn instead, are left out.
+
     Args:
         stage: The stage; it is not changed.
         time: Time code at which fields are read; None for the default value, or the first sample.
@@ -85,7 +88,8 @@ def of_stage(
         UsageError: If a value of `view` is invalid, or it has no effect.
     """
     frames = [stage.GetStartTimeCode(), stage.GetEndTimeCode()]
-    fields = list(splat_fields(stage))
+    roots = find_roots(stage)
+    fields = [prim for prim in splat_fields(stage) if not roots.is_replaced(prim)]
     described = []
     for done, prim in enumerate(fields):
         progress.step("reading fields", done, len(fields))

@@ -27,7 +27,7 @@ def of_tree(prim: Usd.Prim, time: float | None) -> dict[str, Any]:
         tree = schema.read_tree(prim)
     except UsdSplatError as error:
         return {**identity, "problem": str(error)}
-    table = tree.table
+    table, lod_root = tree.table, prim.GetRelationship(schema.tokens.LOD_ROOT)
     used = sorted(set(table.chunk.tolist()) - {-1})
     files = [tree.chunks[row] for row in used if tree.chunks[row]]
     size = sum(map(layer_size, files))
@@ -51,6 +51,7 @@ def of_tree(prim: Usd.Prim, time: float | None) -> dict[str, Any]:
         "sorting_mode": tree.drawing.sorting_mode,
         "graded": is_graded(prim, time),
         "cropped": is_cropped(prim),
+        "lod_root": next(iter(map(str, lod_root.GetTargets())), None) if lod_root else None,
         "purpose": str(UsdGeom.Imageable(prim).ComputePurpose()),
         "levels": _levels(table),
     }

@@ -29,7 +29,8 @@ from usdsplat.schema.hints import (
     rasterize_mode,
     sorting_mode,
 )
-from usdsplat.schema.lod_roots import author_lod_root, is_lod_root, read_lod_root
+from usdsplat.schema.lod_root_authoring import author_lod_root
+from usdsplat.schema.lod_roots import is_lod_root, read_lod_root
 from usdsplat.schema.packing import harmonics_width
 from usdsplat.schema.proxy import place as place_proxy
 from usdsplat.schema.proxy import settle as settle_proxy

@@ -17,7 +17,7 @@ from usdsplat.delegate.engine import Engine
 from usdsplat.delegate.scene_delegate.lod_items import lod_view
 from usdsplat.render.specs import View
 from usdsplat.schema.hints import DrawingHints
-from usdsplat.schema.lod_roots import author_lod_root
+from usdsplat.schema.lod_root_authoring import author_lod_root
 
 UsdLod = pytest.importorskip("pxr.UsdLod", reason="USD has UsdLod since 26.8")
 

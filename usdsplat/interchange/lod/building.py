@@ -28,6 +28,8 @@ from usdsplat.interchange import files
 from usdsplat.interchange.authoring import axes_text, prepare
 from usdsplat.interchange.gathering import widened
 from usdsplat.interchange.lod.chunks import ChunkForm, chunk_name
+from usdsplat.interchange.lod.coarse import COARSE, ROOT, referring, write_coarse
+from usdsplat.interchange.lod.coarse import FILE as COARSE_FILE
 from usdsplat.interchange.lod.inputs import open_source
 from usdsplat.interchange.lod.measuring import ErrorMeter
 from usdsplat.interchange.lod.nodes import NodeBuilder, chunk_numbers
@@ -51,6 +53,7 @@ from usdsplat.interchange.placement import (
 from usdsplat.interchange.provenance import Provenance, fingerprint, joined_bounds, record
 from usdsplat.kernels.devices import open_device
 from usdsplat.schema import DrawingHints
+from usdsplat.schema.lod_root_authoring import name_lod_root
 from usdsplat.schema.packing import harmonics_width
 from usdsplat.schema.stage_values import up_axis
 from usdsplat.schema.tree import author_tree
@@ -74,7 +77,8 @@ def build_tree(
     """Build a splat tree of captures and stages, merged in world space.
 
     `city.usda` has a prim `/city/splats` of the type ParticleFieldSplatTree; the splats are in
-    layers in a folder `city_chunks` beside it. Both replace earlier ones when they are complete. A
+    layers in a folder `city_chunks` beside it. Beside the tree is an LOD root with coarse stock
+    fields for other renderers. Files replace earlier ones when they are complete. A
     building that was interrupted or killed leaves the folder `.city.usda.building` and is continued
     by the next one with equal inputs and options.
 
@@ -195,11 +199,23 @@ class _Job:
             why = "a number is not finite or the rotation is zero"
             notes.append(f"splats dropped because {why}: {dropped}")
         progress.step("writing", 0, 1)
+        chunks = [folder.chunks / chunk_name(n) for n in range(len(chunk_numbers(root)) + 1)]
+        coarse = write_coarse(
+            folder.chunks / COARSE_FILE,
+            table,
+            chunks,
+            self._form(stage),
+            degree=meeting.degree,
+        )
         prim = self._authored(stage, placed, table, tree_files, notes)
-        names = [chunk_name(number) for number in range(len(chunk_numbers(root)) + 1)]
-        tree_files.place(stage.GetRootLayer(), [folder.chunks / name for name in names])
+        layer = referring(
+            stage.GetRootLayer(),
+            prim.GetPath().ReplaceName(COARSE),
+            tree_files.asset(COARSE_FILE),
+        )
+        tree_files.place(layer, [*chunks, folder.chunks / COARSE_FILE])
         progress.step("writing", 1, 1)
-        return self._report(prim, placed, table, tree_files, notes)
+        return self._report(prim, placed, table, tree_files, coarse, notes)
 
     def _stage(self) -> tuple[Usd.Stage, Placement]:
         """Return a stage for the tree, and the map from the tree's coordinates to it."""
@@ -232,7 +248,7 @@ class _Job:
         tree_files: TreeFiles,
         notes: Sequence[str],
     ) -> Usd.Prim:
-        """Write the prims of the tree."""
+        """Write the prims of the tree, and the one for its coarse levels beside it."""
         model = Sdf.Path.absoluteRootPath.AppendChild(identifier(tree_files.target.stem))
         path = model.AppendChild(FIELD)
         chunks = [tree_files.asset(chunk_name(n)) for n in range(int(table.chunk.max()) + 1)]
@@ -247,7 +263,10 @@ class _Job:
             drawing=DrawingHints(rasterize_mode=self._rasterize_mode),
             pixel=self.meeting.pixel,
         )
-        set_op(prim, placed.matrix)
+        beside = UsdGeom.Xform.Define(stage, path.ReplaceName(COARSE)).GetPrim()
+        for each in (prim, beside):
+            set_op(each, placed.matrix)
+        name_lod_root(prim, beside.GetPath().AppendChild(ROOT))
         set_default_prim(stage, path)
         author_model(prim, tree_files.target)
         record(prim, self._provenance(stage, placed, notes))
@@ -287,6 +306,7 @@ class _Job:
         placed: Placement,
         table: NodeTable,
         tree_files: TreeFiles,
+        coarse: tuple[int, ...],
         notes: Sequence[str],
     ) -> LodReport:
         """Return the report of a tree that is in place."""
@@ -304,7 +324,11 @@ class _Job:
             levels=int(table.depths().max()) + 1,
             chunks=int(table.chunk.max()) + 1,
             residents=int(table.residents.sum()),
-            size=sum(path.stat().st_size for path in tree_files.folder.iterdir()),
+            size=sum(
+                (tree_files.folder / chunk_name(number)).stat().st_size
+                for number in range(int(table.chunk.max()) + 1)
+            ),
+            coarse=coarse,
             leaf_size=splats * (28 + 16 * harmonics_width(self.meeting.degree)),
             pixel=self.meeting.pixel,
             errors=(float(errors.min()), float(errors.max())) if len(errors) else (0.0, 0.0),

@@ -66,6 +66,8 @@ class LodReport:
     """Total size of the chunks [byte]."""
     leaf_size: int
     """Size of the splats of the leaves and of the residents in packed form [byte]."""
+    coarse: tuple[int, ...]
+    """Number of splats of each stock field for other renderers, the finest first."""
     pixel: float
     """See `LodOptions.pixel` [unit of the file]."""
     errors: tuple[float, float]

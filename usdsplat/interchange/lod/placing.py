@@ -15,16 +15,18 @@ from usdsplat.core.errors import OutputError, StageError, UsageError
 from usdsplat.core.output import output_file, output_group
 from usdsplat.core.readable import check_referable, is_utf8
 from usdsplat.interchange import files
+from usdsplat.interchange.lod.coarse import FILE
 from usdsplat.schema import tokens
 from usdsplat.schema.usd_files import is_whole_usd, write_copy
 
 _SUFFIXES = (".usd", ".usda", ".usdc")
-_OURS = re.compile(r"\d{4,}\.usdc")
+_OURS = re.compile(rf"\d{{4,}}\.usdc|{re.escape(FILE)}")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TreeFiles:
-    """The files of a tree: `city.usda`, and its chunks in the folder `city_chunks`."""
+    """The files of a tree: `city.usda`, and its chunks in the folder `city_chunks`, with the layer
+    of its coarse levels."""
 
     target: Path
     folder: Path
@@ -72,15 +74,16 @@ class TreeFiles:
         return cls(target=target, folder=folder)
 
     def asset(self, name: str) -> str:
-        """Return the path of a chunk as the tree refers to it."""
+        """Return the path of a file in the folder as the tree refers to it."""
         return f"./{self.folder.name}/{name}"
 
-    def place(self, layer: Sdf.Layer, chunks: Iterable[Path]) -> None:
-        """Write the layer of the tree, and put it and its chunks in place of earlier ones.
+    def place(self, layer: Sdf.Layer, made_files: Iterable[Path]) -> None:
+        """Write the layer of the tree, and put it and the files that it refers to in place of
+        earlier ones.
 
         Args:
             layer: The layer, which is not modified.
-            chunks: Finished chunks; they may be gone afterwards.
+            made_files: Finished files for the folder; they may be gone afterwards.
 
         Raises:
             OutputError: If a file cannot be written.
@@ -89,11 +92,11 @@ class TreeFiles:
             write_copy(layer, output)
             made = output.path.parent / self.folder.name
             made.mkdir()
-            for chunk in chunks:
+            for path in made_files:
                 try:
-                    (made / chunk.name).hardlink_to(chunk)
+                    (made / path.name).hardlink_to(path)
                 except OSError:  # a file system without links
-                    shutil.move(chunk, made / chunk.name)
+                    shutil.move(path, made / path.name)
             group.place_folder(made, self.folder)
 
 

@@ -25,6 +25,7 @@ from usdsplat.products.report.charts import Numbers
 from usdsplat.products.report.plots import check_matplotlib
 from usdsplat.products.report.values import Report
 from usdsplat.products.report.views import views
+from usdsplat.schema.lod_roots import find_roots
 from usdsplat.schema.stage_values import up_axis
 from usdsplat.schema.validation import splat_fields
 
@@ -75,8 +76,10 @@ def of_stage(stage: Usd.Stage, time: float | None, title: str, lines: Iterable[s
         title: Heading of the page.
         lines: Text of `info`.
     """
-    clouds = []
+    clouds, roots = [], find_roots(stage)
     for prim in splat_fields(stage):
+        if roots.is_replaced(prim):
+            continue
         try:
             clouds.append(schema.fetch(prim, time))
         except UsdSplatError:

@@ -19,6 +19,7 @@ from usdsplat import schema
 from usdsplat.core.cloud import F64
 from usdsplat.core.errors import StageError, UsageError
 from usdsplat.core.readable import check_referable
+from usdsplat.schema.lod_roots import find_roots
 from usdsplat.schema.stage_values import up_axis
 from usdsplat.schema.usd_files import export_layer
 from usdsplat.sim.stage import spaces
@@ -277,7 +278,9 @@ def _only_field(capture: Usd.Stage) -> Usd.Prim:
     where = capture.GetRootLayer().identifier
     if not capture.GetRootLayer().realPath:
         raise StageError(where, "a stage without a file", "one that can be a sublayer")
-    fields = [prim for prim in capture.Traverse() if schema.is_splat_field(prim)]
+    roots = find_roots(capture)
+    everything = (prim for prim in capture.Traverse() if not roots.is_replaced(prim))
+    fields = list(filter(schema.is_splat_field, everything))
     if len(fields) != 1:
         raise StageError(where, f"{len(fields)} splat fields", "one")
     for prim in capture.Traverse():
