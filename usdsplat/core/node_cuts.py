@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import heapq
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -65,6 +65,21 @@ def level_cut(table: NodeTable, level: int) -> NodeCut:
     stops = (heights(table) <= level) & np.isfinite(table.errors)
     stops |= table.child_count == 0
     return _first(table, stops)
+
+
+def fixed_at(table: NodeTable, level: int) -> NodeTable:
+    """Return a table from which every view chooses the cut at a level.
+
+    The errors are infinite for the nodes above the cut, and 0 for all others, so the table is not
+    one that a stage can have.
+
+    Args:
+        table: A valid table.
+        level: As for `level_cut`.
+    """
+    errors = np.zeros(len(table), np.float32)
+    errors[level_cut(table, level).above] = np.inf
+    return replace(table, errors=errors)
 
 
 def budget_cut(table: NodeTable, most: int) -> NodeCut:

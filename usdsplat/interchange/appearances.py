@@ -14,14 +14,15 @@ from usdsplat import schema
 from usdsplat.core import edit
 from usdsplat.core.cloud import F64, SplatCloud
 from usdsplat.core.errors import StageError, UsageError
-from usdsplat.core.node_cuts import heights
+from usdsplat.core.node_cuts import fixed_at, heights
 from usdsplat.interchange.options import StageReading
 from usdsplat.interchange.placement import checked_path
 from usdsplat.interchange.tree_reading import LEAVES, TreeReading, ViewChoice
 from usdsplat.interchange.view_cuts import view_cuts
 from usdsplat.schema import attributes
-from usdsplat.schema.lod_roots import item_choice
+from usdsplat.schema.lod_roots import item_choice, tree_level
 from usdsplat.schema.stage_values import local_to_ancestor, local_to_world
+from usdsplat.schema.tree import Tree
 
 MOST_SPLATS = 1 << 28
 """Maximum number of splats of an export: more would take 60 GB and are assumed to be a mistake."""
@@ -161,7 +162,7 @@ def _chosen(found: list[Appearance], reading: StageReading) -> list[Appearance]:
         fields = (each for each in found if not schema.is_tree(each.prim))
         budgeted = fields if choice.view.budget else ()
         beside = sum(_splats(each, reading.time) for each in budgeted)
-        chosen = _seen(trees, choice.view, beside)
+        chosen = _seen(trees, choice.view, beside, reading.time)
     else:
         own = [TreeReading.of(each.prim, choice) for each in trees]
         tops = [int(heights(each.tree.table)[0]) for each in own]
@@ -174,7 +175,7 @@ def _chosen(found: list[Appearance], reading: StageReading) -> list[Appearance]:
 
 
 def _seen(
-    trees: list[Appearance], choice: ViewChoice, beside: int
+    trees: list[Appearance], choice: ViewChoice, beside: int, time: float | None
 ) -> dict[int, tuple[TreeReading, ...]]:
     """Return what a picture of a view draws of each tree at each of its places, by the id() of the
     appearance.
@@ -183,13 +184,14 @@ def _seen(
         trees: The trees.
         choice: The view.
         beside: Number of splats of the fields beside them.
+        time: Time code at which overrides are read.
     """
     groups: dict[Sdf.Path, list[Appearance]] = {}  # native instances share a table
     for each in trees:
         prim = each.prim.GetPrimInPrototype() if each.prim.IsInstanceProxy() else each.prim
         groups.setdefault(prim.GetPath(), []).append(each)
     tables = [
-        (schema.read_tree(group[0].prim), np.concatenate([each.to_world for each in group]))
+        (_drawn_tree(group[0].prim, time), np.concatenate([each.to_world for each in group]))
         for group in groups.values()
     ]
     found = {}
@@ -200,6 +202,16 @@ def _seen(
         for each in group:
             found[id(each)] = tuple(islice(readings, len(each.to_world)))
     return found
+
+
+def _drawn_tree(prim: Usd.Prim, time: float | None) -> Tree:
+    """Read a tree, with the table from which pictures choose if an override demands a level.
+
+    Raises:
+        StageError: If the tree or the override cannot be read.
+    """
+    tree, level = schema.read_tree(prim), tree_level(prim, code(time))
+    return tree if level is None else replace(tree, table=fixed_at(tree.table, level))
 
 
 def _splats(field: Appearance, time: float | None) -> int:

@@ -180,8 +180,10 @@ def item_choice(stage: Usd.Stage, time: Usd.TimeCode) -> ItemChoice:
 def tree_level(prim: Usd.Prim, time: Usd.TimeCode) -> int | None:
     """Return the level of a splat tree that an override demands; None if views choose.
 
-    The override is that of the LOD root that the tree names, or else of the tree: `indexedLOD` is a
-    level of the tree, 0 the leaves; `allLOD` and `noLOD` are the leaves, because a tree is no item.
+    The override is that of the tree itself, or else the one that acts on the LOD root that the tree
+    names, or else the nearest one above the tree. `indexedLOD` is a level of the tree, 0 the leaves
+    and one above the root's the root; `allLOD` and `noLOD` are the leaves, because a tree is no
+    item.
 
     Args:
         prim: The tree.
@@ -190,9 +192,11 @@ def tree_level(prim: Usd.Prim, time: Usd.TimeCode) -> int | None:
     Raises:
         StageError: If the index has another type than the schema's.
     """
-    targets = prim.GetRelationship(tokens.LOD_ROOT).GetForwardedTargets()
+    named = prim.GetRelationship(tokens.LOD_ROOT)
+    targets = named.GetForwardedTargets() if named else ()
     root = prim.GetStage().GetPrimAtPath(targets[0]) if targets else None
-    mode, index = _override(root or prim, time)
+    own = _own_override(prim, time)
+    mode, index = own or _override(root or prim, time)
     if mode == "noOverride":
         return None
     return nearest_index(index, _MOST_LEVELS) if mode == "indexedLOD" else 0
@@ -215,13 +219,21 @@ def _is_scattered(prim: Usd.Prim) -> bool:
 def _override(prim: Usd.Prim, time: Usd.TimeCode) -> tuple[Mode, float]:
     """Return the override that acts on a root, and its index."""
     while prim and not prim.IsPseudoRoot():
-        if _has_api(prim, OVERRIDE_API):
-            attribute = prim.GetAttribute("lod:override:mode")
-            mode = attribute.Get(time) if attribute and attribute.HasAuthoredValue() else None
-            if mode in _MODES:
-                return cast(Mode, str(mode)), _number(prim, "lod:override:index", time, 0.0)
+        if found := _own_override(prim, time):
+            return found
         prim = prim.GetParent()
     return "noOverride", 0.0
+
+
+def _own_override(prim: Usd.Prim, time: Usd.TimeCode) -> tuple[Mode, float] | None:
+    """Return the override of a prim itself, and its index; None if it has none."""
+    if not _has_api(prim, OVERRIDE_API):
+        return None
+    attribute = prim.GetAttribute("lod:override:mode")
+    mode = attribute.Get(time) if attribute and attribute.HasAuthoredValue() else None
+    if mode not in _MODES:
+        return None
+    return cast(Mode, str(mode)), _number(prim, "lod:override:index", time, 0.0)
 
 
 def _heuristic(prim: Usd.Prim, time: Usd.TimeCode) -> LodHeuristic | None:

@@ -180,6 +180,9 @@ class UsdSceneDelegate:
             self._is_stale = False
         for path in self._chunks.changed_trees():
             self._index.tracker.mark(path, DirtyBits.PRIMVAR)
+        if changed or self.time != self._applied_time:
+            for path in self._chunks.changed_levels(self._population.fields, self._code):
+                self._index.tracker.mark(path, DirtyBits.PRIMVAR)
         if self.time != self._applied_time:
             self._mark_time(to_or_from_default=None in (self.time, self._applied_time))
             self._applied_time = self.time

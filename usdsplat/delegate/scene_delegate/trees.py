@@ -18,10 +18,13 @@ from usdsplat import schema
 from usdsplat.core.cloud import SplatCloud
 from usdsplat.core.errors import StageError, UsdSplatError
 from usdsplat.core.findings import Finding
+from usdsplat.core.node_cuts import fixed_at
+from usdsplat.delegate.scene_delegate.population import RprimEntry
 from usdsplat.images.color import color_space
 from usdsplat.images.grade import grade_matrix
 from usdsplat.render.lod.tree import TreeSpec
 from usdsplat.render.specs import ProjectionMode, RasterizeMode, SortingMode
+from usdsplat.schema.lod_roots import tree_level
 from usdsplat.schema.tree import Tree, read_chunk, read_tree
 from usdsplat.schema.validation.trees import broken_chunks, missing_chunks
 
@@ -45,6 +48,8 @@ class Chunks:
         self._edits: Counter[str] = Counter()
         self._of_trees: dict[str, Tree] = {}
         self._tokens: dict[str, tuple[Any, ...]] = {}
+        self._levels: dict[str, int | str | None] = {}
+        """Tree -> level that an override demands, or why it has none."""
         self._looked = 0.0
         """When the files were looked at [s]."""
         self._key: Any = None
@@ -58,7 +63,9 @@ class Chunks:
         if self._key is None:
             kind = Sdf.Notice.LayersDidChange
             self._key = Tf.Notice.RegisterGlobally(kind, self._collect)
-        tree = read_tree(prim)
+        code = Usd.TimeCode.Default() if at is None else Usd.TimeCode(at)
+        self._levels[path] = _level(prim, code)
+        tree, level = read_tree(prim), tree_level(prim, code)
         self._of_trees[path] = tree
         tokens = {each: self._token(each) for each in tree.chunks}
         self._tokens |= tokens
@@ -66,7 +73,7 @@ class Chunks:
         color_space(space, where=f"{prim.GetPath()} color space")
         mode, footprint = cast(RasterizeMode, schema.rasterize_mode(prim)), schema.footprint(prim)
         return TreeSpec(
-            table=tree.table,
+            table=tree.table if level is None else fixed_at(tree.table, level),
             chunks=tuple(tokens[each] for each in tree.chunks),
             load=_Loader(str(prim.GetPath()), tree.chunks),
             degree=tree.degree,
@@ -94,9 +101,20 @@ class Chunks:
         changed.discard("")  # a chunk without a file
         return {path for path, tree in self._of_trees.items() if changed.intersection(tree.chunks)}
 
+    def changed_levels(self, fields: Mapping[str, RprimEntry], code: Usd.TimeCode) -> list[str]:
+        """Return the paths of the trees that were read with another override of their level.
+
+        Args:
+            fields: The trees by path, and other fields.
+            code: Time of the override.
+        """
+        known = self._levels.items()
+        return [path for path, level in known if _level(fields[path].prim, code) != level]
+
     def keep(self, paths: Collection[str]) -> None:
         """Forget all trees but those at `paths`."""
         self._of_trees = {path: each for path, each in self._of_trees.items() if path in paths}
+        self._levels = {path: each for path, each in self._levels.items() if path in paths}
 
     def findings(
         self, path: str, prim: Usd.Prim, problems: Mapping[int, UsdSplatError]
@@ -132,6 +150,14 @@ class Chunks:
     def _collect(self, notice: Any, sender: Any) -> None:
         with self._lock:
             self._changed.update(layer.realPath or layer.identifier for layer in notice.GetLayers())
+
+
+def _level(prim: Usd.Prim, code: Usd.TimeCode) -> int | str | None:
+    """Return the level that an override demands of a tree, or the error of the override."""
+    try:
+        return tree_level(prim, code)
+    except StageError as error:
+        return str(error)
 
 
 class _Loader:
