@@ -15,6 +15,7 @@ from usdsplat import schema
 from usdsplat.delegate.engine import Engine
 from usdsplat.delegate.scene_delegate import trees
 from usdsplat.render.settings import RenderSettings
+from usdsplat.schema import chunks
 
 LEAVES = RenderSettings(lod_error=0.0)
 AOVS = ("color", "depth", "primId", "instanceId", "elementId", "cryptoObject")
@@ -23,13 +24,13 @@ AOVS = ("color", "depth", "primId", "instanceId", "elementId", "cryptoObject")
 @pytest.fixture
 def reads(monkeypatch):
     """The rows that are read from chunks: (file name, first, count)."""
-    found, read = [], trees.read_chunk
+    found, read = [], chunks.read_chunk
 
     def recorded(path, first, count):
         found.append((os.path.basename(path), first, count))
         return read(path, first, count)
 
-    monkeypatch.setattr(trees, "read_chunk", recorded)
+    monkeypatch.setattr(chunks, "read_chunk", recorded)
     monkeypatch.setattr(trees, "POLL", 0.0)
     return found
 

@@ -10,6 +10,8 @@ examples:
   usdsplat info city.usda --camera /World/Cam --lod-error 2
       what a picture of the camera loads of splat trees: nodes, splats, and bytes in memory
   usdsplat info scan.sog --json
+  usdsplat info tiles/lod-meta.json
+      a streamed SOG: levels of detail with splats and errors, and files
   usdsplat info scan.sog --plot report.html
       the same with pictures from three sides and histograms; .png works too;
       needs matplotlib: pip install usdsplat[plots]
@@ -116,8 +118,11 @@ def _stage(options: Options, reporter: Reporter) -> dict[str, Any]:
 def _capture(options: Options, reporter: Reporter) -> dict[str, Any]:
     """Describe a capture, and draw it if asked."""
     from usdsplat import formats
+    from usdsplat.interchange.streamed import is_streamed
     from usdsplat.products import summary
 
+    if is_streamed(options.file):
+        return _streamed(options, reporter)
     with reporter.progress() as progress:
         capture = formats.read(options.file, progress=progress)
     described = {"file": str(options.file), **summary.of_capture(capture)}
@@ -125,6 +130,20 @@ def _capture(options: Options, reporter: Reporter) -> dict[str, Any]:
         from usdsplat.products import report
 
         _draw(options, described, partial(report.of_capture, capture), reporter)
+    return described
+
+
+def _streamed(options: Options, reporter: Reporter) -> dict[str, Any]:
+    """Describe a streamed SOG without reading its finest level, and draw it if asked."""
+    from usdsplat.products import tree_summary
+
+    with reporter.progress() as progress:
+        found, stage = tree_summary.of_streamed(options.file, progress=progress)
+    described = {"file": str(options.file), **found}
+    if options.plot:
+        from usdsplat.products import report
+
+        _draw(options, described, partial(report.of_stage, stage, None), reporter)
     return described
 
 

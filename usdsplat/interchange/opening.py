@@ -15,6 +15,7 @@ from usdsplat.interchange.authoring import prepare
 from usdsplat.interchange.files import composition_errors, open_layer
 from usdsplat.interchange.importing import import_capture
 from usdsplat.interchange.options import ImportOptions
+from usdsplat.interchange.streamed import is_streamed, open_streamed
 
 Stage: TypeAlias = Usd.Stage
 
@@ -69,6 +70,8 @@ def open_as_asked(
 def open_capture(path: Path, *, axes: str | None = None, progress: Progress = silent) -> Usd.Stage:
     """Import a capture onto a stage in memory.
 
+    A streamed SOG becomes a splat tree, whose splats are read when they are drawn.
+
     Args:
         path: A capture in any format that `formats` reads.
         axes: Axes of the capture; None chooses them, see `ImportOptions.axes`.
@@ -80,6 +83,9 @@ def open_capture(path: Path, *, axes: str | None = None, progress: Progress = si
     """
     stage = Usd.Stage.CreateInMemory()
     prepare(stage, None, None)
+    if is_streamed(path):
+        open_streamed(path, stage, axes=axes, progress=progress)
+        return stage
     import_capture(path, stage, options=ImportOptions(axes=axes), progress=progress)
     return stage
 

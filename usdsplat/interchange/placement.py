@@ -15,6 +15,8 @@ from usdsplat.core import axes
 from usdsplat.core.cloud import F64
 from usdsplat.core.errors import StageError, UsageError
 from usdsplat.core.text import shown
+from usdsplat.formats.sog.lod_meta import LOD_META
+from usdsplat.formats.sog.meta import META
 from usdsplat.interchange.models import FIELD
 from usdsplat.schema.stage_values import ordered_ops, up_axis
 
@@ -128,7 +130,7 @@ def checked_path(text: str) -> Sdf.Path:
 
 def prim_name(source: Path) -> str:
     """Return a prim name for a file: without its suffix, `statue.compressed.ply` as `statue`."""
-    name = source.parent.name if source.name == "meta.json" else source.name
+    name = source.parent.name if source.name in (META, LOD_META) else source.name
     fitting = (s for s in formats.suffixes_read() if name.lower().endswith(s))
     name = name[: len(name) - len(max(fitting, key=len, default=""))]
     return identifier(name) if name else "Splats"

@@ -14,9 +14,8 @@ from usdsplat.core.cloud import SplatCloud
 from usdsplat.core.errors import StageError
 from usdsplat.core.node_cuts import NodeCut, budget_cut, level_cut
 from usdsplat.core.sh import coefficient_count
-from usdsplat.core.wording import counted
 from usdsplat.render.specs import View
-from usdsplat.schema.chunks import chunk_shape
+from usdsplat.schema.chunks import ChunkReader, check_chunk
 from usdsplat.schema.tree import Tree
 from usdsplat.schema.validation import missing_chunks
 
@@ -106,12 +105,7 @@ class TreeReading:
             if not path:
                 (found,) = missing_chunks(self.prim, self.tree)
                 raise StageError(found.path, found.found, found.expected)
-            held, degree = chunk_shape(path)
-            if held < count:
-                raise StageError(path, counted(held, "splat"), f"at least {count}, as in the tree")
-            if degree != self.tree.degree:
-                found_degree = f"harmonics of degree {degree}"
-                raise StageError(path, found_degree, f"{self.tree.degree}, as in the tree")
+            check_chunk(path, count, self.tree.degree, "as in the tree")
 
 
 def read_rows(
@@ -135,9 +129,9 @@ def read_rows(
         opacities=np.empty(n, np.float32),
         sh=np.empty((n, coefficient_count(degree), 3), np.float32),
     )
-    start = 0
+    start, reader = 0, ChunkReader(chunks, degree)
     for chunk, first, count in rows:
-        part = schema.read_chunk(chunks[chunk], first, count)
+        part = reader.read(chunk, first, count)
         for name in ("positions", "scales", "rotations", "opacities", "sh"):
             getattr(cloud, name)[start : start + count] = getattr(part, name)
         start += count

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,8 +12,14 @@ from usdsplat import schema
 from usdsplat.core.errors import UsdSplatError
 from usdsplat.core.node_cuts import heights, level_cut
 from usdsplat.core.node_table import NodeTable
+from usdsplat.core.progress import Progress, silent
+from usdsplat.interchange.authoring import prepare
+from usdsplat.interchange.streamed import open_streamed
 from usdsplat.interchange.unapplied import is_cropped, is_graded
-from usdsplat.schema.crate_arrays import layer_size
+from usdsplat.schema.chunks import chunk_size
+
+_OF_PRIMS = ("path", "type", "graded", "cropped", "purpose")
+"""Parts of the description of a tree that say nothing of a capture."""
 
 
 def of_tree(prim: Usd.Prim, time: float | None) -> dict[str, Any]:
@@ -30,7 +37,7 @@ def of_tree(prim: Usd.Prim, time: float | None) -> dict[str, Any]:
     table, lod_root = tree.table, prim.GetRelationship(schema.tokens.LOD_ROOT)
     used = sorted(set(table.chunk.tolist()) - {-1})
     files = [tree.chunks[row] for row in used if tree.chunks[row]]
-    size = sum(map(layer_size, files))
+    size = sum(map(chunk_size, files))
     splats = level_cut(table, 0).splats(table)
     return {
         **identity,
@@ -57,10 +64,38 @@ def of_tree(prim: Usd.Prim, time: float | None) -> dict[str, Any]:
     }
 
 
+def of_streamed(path: Path, *, progress: Progress = silent) -> tuple[dict[str, Any], Usd.Stage]:
+    """Describe a streamed SOG with the axes that opening it would choose.
+
+    Args:
+        path: `lod-meta.json`, or its folder.
+        progress: Receives the progress of reading metadata and sizes.
+
+    Returns:
+        The description, and a stage in memory with the tree.
+
+    Raises:
+        UsdSplatError: If it cannot be read.
+    """
+    stage = Usd.Stage.CreateInMemory()
+    prepare(stage, None, None)
+    prim, capture = open_streamed(path, stage, progress=progress)
+    described = {
+        "format": capture.format,
+        "frame": capture.frame,
+        "frame_source": capture.frame_source,
+        **of_tree(prim, None),
+        "error_bounds": dict(capture.error_bounds),
+        "notes": list(capture.notes),
+    }
+    return {name: each for name, each in described.items() if name not in _OF_PRIMS}, stage
+
+
 def _levels(table: NodeTable) -> list[dict[str, Any]]:
     """Return nodes, splats and largest error of the cut at each level, the finest first."""
     described = []
-    for level in range(int(heights(table)[0]) + 1):
+    above = heights(table)[np.isfinite(table.errors)]  # a node without proxies is no level
+    for level in range(int(above.max(initial=0)) + 1):
         cut = level_cut(table, level)
         described.append(
             {

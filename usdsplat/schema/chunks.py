@@ -1,13 +1,14 @@
-"""Read chunks of a splat tree: layers whose default prim is a packed or a stock float field.
+"""Read chunks of a splat tree: layers whose default prim is a packed or a stock float field, and
+SOG files.
 
-A chunk is read from its layer, without composing a stage, and only the rows that are asked for are
-converted. Layers stay in USD's registry only while they are read, unless something else has them
-open; then its unsaved edits are read.
+A layer is read without composing a stage, and only the rows that are asked for are converted.
+Layers stay in USD's registry only while they are read, unless something else has them open; then
+its unsaved edits are read.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,11 +19,13 @@ import numpy.typing as npt
 from pxr import Ar, Sdf, Tf
 
 from usdsplat.core.cloud import F32, SplatCloud
-from usdsplat.core.errors import StageError
+from usdsplat.core.errors import FormatError, StageError
 from usdsplat.core.readable import readable
 from usdsplat.core.sh import MAX_DEGREE, coefficient_count
+from usdsplat.core.wording import counted
+from usdsplat.formats.sog import rows as sog
 from usdsplat.schema import packing, stock, tokens
-from usdsplat.schema.crate_arrays import check_arrays
+from usdsplat.schema.crate_arrays import check_arrays, layer_size
 from usdsplat.schema.usd_files import sentence
 from usdsplat.schema.vt import as_float32, from_vt
 
@@ -41,8 +44,36 @@ class PackedChunk:
     """The other attributes of the n splats."""
 
 
+class ChunkReader:
+    """Reader of the chunks of one tree, for several threads.
+
+    It keeps some of the SOG files in memory that it has unpacked, because they are unpacked whole.
+
+    Args:
+        chunks: Resolved paths, from `Tree.chunks`.
+        degree: Degree of the harmonics of the tree.
+    """
+
+    def __init__(self, chunks: Sequence[str], degree: int) -> None:
+        self._chunks, self._degree, self._sog = chunks, degree, sog.SogRows()
+
+    def read(self, chunk: int, first: int, count: int) -> SplatCloud:
+        """Read rows of a chunk.
+
+        Harmonics of a SOG of a lower degree are extended with zeros.
+
+        Raises:
+            StageError: If the chunk cannot be read, or does not have these rows.
+        """
+        path = self._chunks[chunk]
+        if not path or not sog.is_sog(path):
+            return read_chunk(path, first, count)
+        with _sog_errors(path):
+            return self._sog.read(path, first, count, self._degree)
+
+
 def read_chunk(path: str, first: int = 0, count: int | None = None) -> SplatCloud:
-    """Read rows of a chunk.
+    """Read rows of a chunk that is a layer.
 
     Args:
         path: Resolved path of the chunk, from `Tree.chunks`; "" is a missing file.
@@ -66,6 +97,8 @@ def read_packed_chunk(path: str, first: int = 0, count: int | None = None) -> Pa
 
     Args and errors are those of `read_chunk`.
     """
+    if path and sog.is_sog(path):
+        return None
     with _opened(path) as field:
         return field.packed(field.rows(first, count)) if field.is_packed else None
 
@@ -74,10 +107,42 @@ def chunk_shape(path: str) -> tuple[int, int]:
     """Return the number of splats of a chunk and the degree of its harmonics, without reading them.
 
     Raises:
-        StageError: If the layer cannot be read, or has no field as its default prim.
+        StageError: If the chunk cannot be read, or is a layer without a field as its default prim.
     """
+    if path and sog.is_sog(path):
+        with _sog_errors(path):
+            return sog.count_and_degree(path)
     with _opened(path) as field:
         return field.count, field.degree()
+
+
+def check_chunk(path: str, rows: int, degree: int, whose: str) -> None:
+    """Raise an error unless a chunk has what the table of its tree states; no splat is read.
+
+    Args:
+        path: Resolved path of the chunk.
+        rows: Number of rows that it must have at least.
+        degree: Degree of the harmonics of the tree. A SOG may have a lower one.
+        whose: Which part of the tree needs the last row, such as "for node 3".
+
+    Raises:
+        StageError: If the chunk cannot be read, is too short, or has another degree.
+    """
+    held, found = chunk_shape(path)
+    if held < rows:
+        raise StageError(path, counted(held, "splat"), f"at least {rows}, {whose}")
+    if found > degree or (found < degree and not sog.is_sog(path)):
+        raise StageError(path, f"harmonics of degree {found}", f"{degree}, as in the tree")
+
+
+def chunk_size(path: str) -> int:
+    """Return the size of the files of a chunk [byte]; 0 if it cannot be read, or is in memory."""
+    if not sog.is_sog(path):
+        return layer_size(path)
+    try:
+        return sog.file_bytes(path)
+    except (FormatError, OSError):
+        return 0
 
 
 class _Field:
@@ -198,6 +263,21 @@ class _Field:
 
     def _wrong(self, name: str, found: str, expected: str) -> StageError:
         return StageError(f"{self._where} {self._path}.{name}", found, expected)
+
+
+@contextmanager
+def _sog_errors(path: str) -> Iterator[None]:
+    """Convert the errors of a SOG to those of other chunks.
+
+    Raises:
+        StageError: Instead of a FormatError or an OSError.
+    """
+    try:
+        yield
+    except FormatError as error:
+        raise StageError(error.where, error.found, error.expected) from error
+    except OSError as error:
+        raise StageError(path, error.strerror or "an unreadable file", "a SOG file") from error
 
 
 @contextmanager

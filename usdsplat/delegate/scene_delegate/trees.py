@@ -9,7 +9,7 @@ import os
 import threading
 import time
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping
 from typing import Any, cast
 
 from pxr import Sdf, Tf, Usd
@@ -24,8 +24,9 @@ from usdsplat.images.color import color_space
 from usdsplat.images.grade import grade_matrix
 from usdsplat.render.lod.tree import TreeSpec
 from usdsplat.render.specs import ProjectionMode, RasterizeMode, SortingMode
+from usdsplat.schema.chunks import ChunkReader
 from usdsplat.schema.lod_roots import tree_level
-from usdsplat.schema.tree import Tree, read_chunk, read_tree
+from usdsplat.schema.tree import Tree, read_tree
 from usdsplat.schema.validation.trees import broken_chunks, missing_chunks
 
 CHUNKS = "splat:chunks"
@@ -75,7 +76,7 @@ class Chunks:
         return TreeSpec(
             table=tree.table if level is None else fixed_at(tree.table, level),
             chunks=tuple(tokens[each] for each in tree.chunks),
-            load=_Loader(str(prim.GetPath()), tree.chunks),
+            load=_Loader(str(prim.GetPath()), tree),
             degree=tree.degree,
             color_space=space,
             rasterize_mode="footprint" if footprint and mode == "classic" else mode,
@@ -163,14 +164,15 @@ def _level(prim: Usd.Prim, code: Usd.TimeCode) -> int | str | None:
 class _Loader:
     """Reader of the rows of a tree's chunks."""
 
-    def __init__(self, where: str, chunks: Sequence[str]) -> None:
-        self._where, self._chunks = where, chunks
+    def __init__(self, where: str, tree: Tree) -> None:
+        self._where, self._chunks = where, tree.chunks
+        self._reader = ChunkReader(tree.chunks, tree.degree)
 
     def __call__(self, chunk: int, first: int, count: int) -> SplatCloud:
         path = self._chunks[chunk]
         if not path:
             raise StageError(self._where, f"no file for chunk {chunk}", "a layer")
         try:
-            return read_chunk(path, first, count)
+            return self._reader.read(chunk, first, count)
         except Tf.ErrorException:
             raise StageError(path, "a file that USD cannot read", "a layer") from None

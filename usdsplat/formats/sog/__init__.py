@@ -18,7 +18,7 @@ from usdsplat.formats.capture import UNKNOWN_AXES, Capture
 from usdsplat.formats.cloud_builder import CloudBuilder
 from usdsplat.formats.options import READ_OPTIONS, WRITE_OPTIONS, ReadOptions, WriteOptions
 from usdsplat.formats.sog import target
-from usdsplat.formats.sog.decoding import decode, survey
+from usdsplat.formats.sog.decoding import read_codes, survey
 from usdsplat.formats.sog.encoding import encode
 from usdsplat.formats.sog.files import open_sog
 from usdsplat.formats.sog.meta import META
@@ -54,13 +54,8 @@ def read(path: Path, how: ReadOptions = READ_OPTIONS) -> Capture:
         sog = survey(files)
         count = sog.meta.count
         builder = CloudBuilder(str(path), count, sog.degree, how)
-        decode(
-            sog,
-            [(0, count)],
-            builder,
-            0,
-            lambda done: how.progress.step(f"reading {path}", done, count),
-        )
+        done = read_codes(sog).decode([(0, count)], builder, 0)
+        how.progress.step(f"reading {path}", done, count)
         paths = files.paths(sog.meta.files)
     cloud, notes = builder.cloud()
     return Capture(

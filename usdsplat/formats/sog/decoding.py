@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -96,52 +96,109 @@ def survey(files: SogFiles) -> Sog:
     return Sog(files, meta, degree)
 
 
-def decode(
-    sog: Sog, ranges: Sequence[Range], builder: CloudBuilder, row: int, told: Callable[[int], None]
-) -> None:
-    """Decode splats of a SOG into rows of a cloud, and settle them.
+@dataclass(frozen=True, slots=True, eq=False)
+class SogCodes:
+    """The codes of all splats of a SOG in memory, some 24 bytes each."""
 
-    Args:
-        sog: Result of `survey`.
-        ranges: The splats, one range or more.
-        builder: Cloud under construction, of at least the same degree; higher coefficients become
-            0.
-        row: The row that the first splat fills.
-        told: Receives the number of the next row.
+    degree: int
+    """Degree of the harmonics."""
+    _images: dict[str, Codes]
+    _tables: _Tables
+    _is_settled: bool
+    """Whether all values of the tables are finite."""
+
+    def __len__(self) -> int:
+        """Return the number of splats."""
+        return len(self._images["means"])
+
+    @property
+    def size(self) -> int:
+        """Memory of the codes and tables [byte]."""
+        codes = sum(each.nbytes for each in self._images.values())
+        return codes + self._tables.positions.nbytes + self._tables.palette.nbytes
+
+    def decode(self, ranges: Sequence[Range], builder: CloudBuilder, row: int) -> int:
+        """Decode splats into rows of a cloud, and settle them.
+
+        Args:
+            ranges: The splats, one range or more.
+            builder: Cloud under construction, of at least the same degree; higher coefficients
+                become 0.
+            row: The row that the first splat fills.
+
+        Returns:
+            The next row.
+
+        Raises:
+            FormatError: If a number is not finite.
+        """
+        if len(ranges) == 1:
+            chosen: slice | npt.NDArray[np.intp] = slice(*ranges[0])
+        else:
+            chosen = np.concatenate([np.arange(*each) for each in ranges])
+        images = {name: codes[chosen] for name, codes in self._images.items()}
+
+        def work(rows: slice) -> None:
+            filled = slice(row + rows.start, row + rows.stop)
+            some = {name: codes[rows] for name, codes in images.items()}
+            _decode(builder, filled, some, self._tables)
+            if not self._is_settled:
+                builder.settle(filled)
+
+        count = len(images["means"])
+        in_parallel(count, work, rows=_BLOCK)
+        return row + count
+
+
+def read_codes(sog: Sog) -> SogCodes:
+    """Read the codes of all splats of a surveyed SOG.
 
     Raises:
-        FormatError: If an image is missing, damaged or of the wrong size, a table has the wrong
-            length, or a number is not finite.
+        FormatError: If an image is missing, damaged or of the wrong size, or a table has the wrong
+            length.
     """
     images = _read_images(sog)
     tables = _read_tables(sog, images.pop("palette", None))
     _check_labels(sog.files.source, images, tables)
-    if len(ranges) == 1:
-        chosen: slice | npt.NDArray[np.intp] = slice(*ranges[0])
-    else:
-        chosen = np.concatenate([np.arange(*each) for each in ranges])
-    images = {name: codes[chosen] for name, codes in images.items()}
     # Then all values are finite; rotations are unit.
-    is_settled = tables.are_finite()
-
-    def work(rows: slice) -> None:
-        filled = slice(row + rows.start, row + rows.stop)
-        _decode(builder, filled, {name: codes[rows] for name, codes in images.items()}, tables)
-        if not is_settled:
-            builder.settle(filled)
-
-    count = len(images["means"])
-    in_parallel(count, work, rows=_BLOCK)
-    told(row + count)
+    return SogCodes(sog.degree, images, tables, tables.are_finite())
 
 
-def _read_images(sog: Sog) -> dict[str, Codes]:
+def read_sizes(sog: Sog) -> tuple[F32, F32]:
+    """Read the scales of all splats, shape (n, 3), and their opacities, shape (n,), and no more.
+
+    Raises:
+        FormatError: As for `read_codes`.
+    """
+    images = _read_images(sog, ("scales", "sh0"))
+    sizes, _, opacities = _value_tables(sog.meta)
+    scales = np.empty((sog.meta.count, 3), np.float32)
+    _look_up(sizes, images["scales"], scales)
+    return scales, opacities.take(images["sh0"][:, 3])
+
+
+def limits(meta: Meta) -> tuple[F64, F64, float]:
+    """Return the box that contains the centres of all splats, two corners, and their largest scale.
+
+    Raises:
+        FormatError: If the values of `meta.json` are invalid.
+    """
+    means = meta.sections["means"]
+    ends = np.stack([means.numbers(key, 3) for key in ("mins", "maxs")])
+    with np.errstate(over="ignore"):
+        corners = np.copysign(np.expm1(np.abs(ends)), ends)
+    return corners.min(axis=0), corners.max(axis=0), float(_value_tables(meta)[0].max())
+
+
+def _read_images(sog: Sog, wanted: Collection[str] = _IMAGES.keys()) -> dict[str, Codes]:
     """Read the codes of every splat by section, shape (count, 4); high bytes of means are "upper".
 
-    Codes of the "palette" have a row for each of its pixels.
+    Codes of the "palette" have a row for each of its pixels. Only the `wanted` sections are read.
     """
     found = {}
     for name, section in sog.meta.sections.items():
+        if name not in wanted:
+            continue
         for kind, file in zip(_IMAGES[name], section.files, strict=True):
             if kind == "palette":
                 found[kind] = _packed_palette(sog.files, sog.meta)[:2]
@@ -166,24 +223,32 @@ def _image_data(files: SogFiles, name: str, count: int) -> tuple[str, bytes]:
 
 def _read_tables(sog: Sog, palette: Codes | None) -> _Tables:
     """Return the values of all codes, from the ranges and tables of `meta.json`."""
-    sections = sog.meta.sections
-    means, scales, dc = (sections[name] for name in ("means", "scales", "sh0"))
-    if sog.meta.version == 1:
-        size_table, dc_table = _lerps(scales, 3), _lerps(dc, 4)
-        opacities = sigmoid(dc_table[:, 3])
-    else:
-        size_table, dc_table = _codebook(scales), _codebook(dc)
-        opacities = np.arange(256) / 255
+    means = sog.meta.sections["means"]
+    sizes, dc, opacities = _value_tables(sog.meta)
     lower, upper = means.numbers("mins", 3), means.numbers("maxs", 3)
     logarithms = lower + (upper - lower) * (np.arange(1 << 16)[:, None] / 65535)
     with np.errstate(over="ignore"):  # `settle` reports infinities that are used
         return _Tables(
             positions=np.copysign(np.expm1(np.abs(logarithms)), logarithms).astype(np.float32),
-            scales=np.exp(size_table).astype(np.float32),
-            dc=dc_table[:, :3].astype(np.float32),
-            opacities=opacities.astype(np.float32),
+            scales=sizes,
+            dc=dc,
+            opacities=opacities,
             palette=_palette(sog, palette),
         )
+
+
+def _value_tables(meta: Meta) -> tuple[F32, F32, F32]:
+    """Return scales and DC coefficients, shape (256, 3), and opacities, shape (256,), by code."""
+    scales, dc = meta.sections["scales"], meta.sections["sh0"]
+    if meta.version == 1:
+        size_table, dc_table = _lerps(scales, 3), _lerps(dc, 4)
+        opacities = sigmoid(dc_table[:, 3])
+    else:
+        size_table, dc_table = _codebook(scales), _codebook(dc)
+        opacities = np.arange(256) / 255
+    with np.errstate(over="ignore"):  # `settle` reports infinities that are used
+        sizes = np.exp(size_table).astype(np.float32)
+        return sizes, dc_table[:, :3].astype(np.float32), opacities.astype(np.float32)
 
 
 def _codebook(section: Section) -> F64:

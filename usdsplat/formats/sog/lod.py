@@ -20,7 +20,7 @@ from usdsplat.formats.cloud_builder import CloudBuilder
 from usdsplat.formats.inflate import check_count
 from usdsplat.formats.options import READ_OPTIONS, ReadOptions
 from usdsplat.formats.sog import ERROR_BOUNDS
-from usdsplat.formats.sog.decoding import Range, Sog, decode, survey
+from usdsplat.formats.sog.decoding import Range, Sog, read_codes, survey
 from usdsplat.formats.sog.files import open_sog
 from usdsplat.formats.sog.lod_meta import LOD_META, LOD_META_LIMIT, LodMeta, parse_lod_meta
 
@@ -34,6 +34,20 @@ def recognises(path: Path, head: bytes) -> bool:
     return is_folder or path.name.lower() == LOD_META
 
 
+def read_meta(path: Path) -> tuple[Path, LodMeta]:
+    """Read `lod-meta.json`, or that of a folder, and return its path too.
+
+    Raises:
+        FormatError: If it is invalid.
+    """
+    path = path / LOD_META if path.is_dir() else path
+    with path.open("rb") as file:
+        text = file.read(LOD_META_LIMIT + 1)
+    if len(text) > LOD_META_LIMIT:
+        raise FormatError(str(path), f"over {LOD_META_LIMIT} bytes", "no more")
+    return path, parse_lod_meta(str(path), text)
+
+
 def read(path: Path, how: ReadOptions = READ_OPTIONS) -> Capture:
     """Read the level `how.lod`; the environment SOG is left out, and a note says so.
 
@@ -41,12 +55,7 @@ def read(path: Path, how: ReadOptions = READ_OPTIONS) -> Capture:
         FormatError: If a file is missing or damaged, or contradicts `lod-meta.json`.
         UsageError: If there is no such level.
     """
-    path = path / LOD_META if path.is_dir() else path
-    with path.open("rb") as file:
-        text = file.read(LOD_META_LIMIT + 1)
-    if len(text) > LOD_META_LIMIT:
-        raise FormatError(str(path), f"over {LOD_META_LIMIT} bytes", "no more")
-    meta = parse_lod_meta(str(path), text)
+    path, meta = read_meta(path)
     if not 0 <= how.lod < len(meta.counts):
         levels = f"a level from 0 to {len(meta.counts) - 1}"
         raise UsageError(str(path), f"no level {how.lod}", levels)
@@ -54,15 +63,11 @@ def read(path: Path, how: ReadOptions = READ_OPTIONS) -> Capture:
     degree = max((unit.degree for unit in units), default=0)
     count = meta.counts[how.lod]
     builder = CloudBuilder(str(path), count, degree, how)
-
-    def told(done: int) -> None:
-        how.progress.step(f"reading {path}", done, count)
-
     row = 0
     for unit in units:
-        with _opened(path, unit.name) as sog:
-            decode(sog, unit.ranges, builder, row, told)
-        row += sum(last - first for first, last in unit.ranges)
+        with open_unit(path, unit.name) as sog:
+            row = read_codes(sog).decode(unit.ranges, builder, row)
+        how.progress.step(f"reading {path}", row, count)
     cloud, notes = builder.cloud()
     versions = sorted({unit.version for unit in units})
     return Capture(
@@ -93,8 +98,8 @@ def _survey(path: Path, meta: LodMeta, level: int) -> list[_Unit]:
     """Read the metadata of every file of a level, before memory is allocated."""
     units = []
     splats = total_bytes = 0
-    for name, ranges in zip(meta.files[level], meta.ranges[level], strict=True):
-        with _opened(path, name) as sog:
+    for name, ranges in meta.files(level).items():
+        with open_unit(path, name) as sog:
             if ranges[-1][1] > sog.meta.count:
                 found = f"splat {ranges[-1][1] - 1} of {name}"
                 raise FormatError(str(path), found, f"one of its {sog.meta.count}")
@@ -114,8 +119,12 @@ def _survey(path: Path, meta: LodMeta, level: int) -> list[_Unit]:
 
 
 @contextmanager
-def _opened(path: Path, name: str) -> Iterator[Sog]:
-    """Open and survey a SOG beside `lod-meta.json`."""
+def open_unit(path: Path, name: str) -> Iterator[Sog]:
+    """Open and survey a SOG beside `lod-meta.json`.
+
+    Raises:
+        FormatError: If it is missing, or its metadata is invalid.
+    """
     file = path.parent / name
     if not os.path.isfile(file):  # unlike Path.is_file, accepts names of any length
         raise FormatError(str(path), f"no file {name[:60]!r}", "one in its folder")

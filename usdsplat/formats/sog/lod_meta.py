@@ -8,34 +8,54 @@ Source: splat-transform's writer. Files before version 1 lack `version` and `cou
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from usdsplat.core.errors import FormatError
-from usdsplat.formats.json_values import a_list, parse_object, show, whole
+from usdsplat.core.wording import counted
+from usdsplat.formats.json_reader import JsonReader
+from usdsplat.formats.json_values import a_list, show, whole
 from usdsplat.formats.sog.decoding import Range
+from usdsplat.formats.sog.lod_nodes import MOST_LEVELS, LodNodes, NodeReader
 from usdsplat.formats.sog.meta import META
 
 LOD_META = "lod-meta.json"
-LOD_META_LIMIT = 1 << 23
-"""Maximum size of the file [byte]: some 50,000 leaves."""
+LOD_META_LIMIT = 1 << 26
+"""Maximum size of the file [byte]: some 150,000 leaves with seven levels each."""
 
-_MOST = 1 << 32
+_NAMES = 1 << 22
+"""Maximum length of the list of files [character]: some 200,000 names."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class LodMeta:
     """The contents of `lod-meta.json`."""
 
+    names: tuple[str, ...]
+    """All SOGs: paths relative to the folder of `lod-meta.json`."""
+    nodes: LodNodes
     counts: tuple[int, ...]
     """Number of splats of each level, the finest first."""
-    files: tuple[tuple[str, ...], ...]
-    """SOGs of each level: paths relative to the folder of `lod-meta.json`."""
-    ranges: tuple[tuple[tuple[Range, ...], ...], ...]
-    """Ranges of splats of each of these files, ascending and disjoint."""
     environment: str | None
     """SOG of the distant environment, if there is one."""
+
+    def files(self, level: int) -> dict[str, tuple[Range, ...]]:
+        """Return the SOGs of a level, and for each the ranges of its splats, ascending and
+        disjoint; adjacent ones are joined."""
+        nodes = self.nodes
+        mine = np.flatnonzero(nodes.range_level == level)
+        order = mine[np.lexsort((nodes.range_first[mine], nodes.range_file[mine]))]
+        found: dict[str, list[Range]] = {}
+        columns = (nodes.range_file[order], nodes.range_first[order], nodes.range_count[order])
+        for file, first, count in zip(*(each.tolist() for each in columns), strict=True):
+            ranges = found.setdefault(self.names[file], [])
+            if ranges and first == ranges[-1][1]:
+                ranges[-1] = (ranges[-1][0], first + count)
+            else:
+                ranges.append((first, first + count))
+        return {name: tuple(ranges) for name, ranges in found.items()}
 
 
 def parse_lod_meta(where: str, text: bytes) -> LodMeta:
@@ -45,23 +65,32 @@ def parse_lod_meta(where: str, text: bytes) -> LodMeta:
         FormatError: If it is not JSON, or a value is missing or invalid: a name outside the folder,
             or a splat that occurs twice in a level.
     """
-    meta = parse_object(where, text)
+    reader = JsonReader(where, text)
+    meta: dict[str, Any] = {}
+    nodes = None
+    if reader.next() != "{":
+        raise FormatError(where, show(reader.value(_NAMES)), "a JSON object")
+    for key in reader.items():
+        if key == "tree":
+            nodes = NodeReader(where, reader).read()
+        else:
+            meta[key] = reader.value(_NAMES)
+    reader.end()
     whole(f"{where}: version", meta.get("version", 1), 1, 1)
-    levels = whole(f"{where}: lodLevels", meta.get("lodLevels"), 1, 64)
+    levels = whole(f"{where}: lodLevels", meta.get("lodLevels"), 1, MOST_LEVELS)
     names = _names(where, meta.get("filenames"))
-    found: list[dict[int, list[Range]]] = [{} for _ in range(levels)]
-    for level, file, first, last in _references(where, meta.get("tree"), levels, len(names)):
-        found[level].setdefault(file, []).append((first, last))
-    ranges = [{file: _joined(where, names[file], level[file]) for file in level} for level in found]
-    counts = [sum(b - a for file in level.values() for a, b in file) for level in ranges]
+    if nodes is None:
+        raise FormatError(f"{where}: tree", show(None), "a node with lods or children")
+    _check_ranges(where, nodes, levels, names)
+    counts = [int(nodes.range_count[nodes.range_level == k].sum()) for k in range(levels)]
     if meta.get("counts", counts) != counts:
         expected = f"{counts}, which is what its tree holds"
         raise FormatError(f"{where}: counts", show(meta["counts"]), expected)
     environment = meta.get("environment")
     return LodMeta(
+        names=tuple(names),
+        nodes=nodes,
         counts=tuple(counts),
-        files=tuple(tuple(names[file] for file in sorted(level)) for level in ranges),
-        ranges=tuple(tuple(level[file] for file in sorted(level)) for level in ranges),
         environment=None if environment is None else _name(f"{where}: environment", environment),
     )
 
@@ -83,40 +112,21 @@ def _name(where: str, name: Any) -> str:
     return "/".join(parts)
 
 
-def _references(
-    where: str, tree: Any, levels: int, files: int
-) -> Iterator[tuple[int, int, int, int]]:
-    """Yield (level, file, first splat, last splat + 1) of every leaf, in the tree's order."""
-    waiting = [tree]
-    while waiting:  # no recursion: trees may be deeper than Python's stack
-        node = waiting.pop()
-        lods, children = (
-            (node.get("lods", {}), node.get("children", []))
-            if isinstance(node, dict)
-            else (None, None)
-        )
-        if not isinstance(lods, dict) or not isinstance(children, list):
-            raise FormatError(f"{where}: tree", show(node), "a node with lods or children")
-        waiting += reversed(children)
-        for key, value in lods.items():
-            at = f"{where}: tree: level {key[:20]!r}"
-            if key not in map(str, range(levels)) or not isinstance(value, dict):
-                raise FormatError(at, show(value), f"a range of a level below {levels}")
-            file = whole(f"{at}: file", value.get("file"), 0, files - 1)
-            first = whole(f"{at}: offset", value.get("offset"), 0, _MOST)
-            count = whole(f"{at}: count", value.get("count"), 0, _MOST)
-            if count:
-                yield int(key), file, first, first + count
-
-
-def _joined(where: str, name: str, ranges: list[Range]) -> tuple[Range, ...]:
-    """Return the ranges in order, with adjacent ones joined."""
-    joined: list[Range] = []
-    for first, last in sorted(ranges):
-        if joined and first < joined[-1][1]:
-            raise FormatError(f"{where}: tree", f"splat {first} of {name} twice", "each once")
-        if joined and first == joined[-1][1]:
-            joined[-1] = (joined[-1][0], last)
-        else:
-            joined.append((first, last))
-    return tuple(joined)
+def _check_ranges(where: str, nodes: LodNodes, levels: int, names: list[str]) -> None:
+    """Raise an error for a range of no level or file, and for splats that a level has twice."""
+    at = f"{where}: tree"
+    if (beyond := nodes.range_level[nodes.range_level >= levels]).size:
+        expected = f"a range of a level below {levels}"
+        raise FormatError(f"{at}: level '{beyond[0]}'", counted(levels, "level"), expected)
+    if (unknown := nodes.range_file[nodes.range_file >= len(names)]).size:
+        expected = f"a whole number from 0 to {len(names) - 1}"
+        raise FormatError(f"{at}: file", str(unknown[0]), expected)
+    order = np.lexsort((nodes.range_first, nodes.range_file, nodes.range_level))
+    level, file, first = (
+        each[order] for each in (nodes.range_level, nodes.range_file, nodes.range_first)
+    )
+    ends = first + nodes.range_count[order]
+    same = (level[1:] == level[:-1]) & (file[1:] == file[:-1])
+    if (twice := np.flatnonzero(same & (first[1:] < ends[:-1]))).size:
+        row = twice[0] + 1
+        raise FormatError(at, f"splat {first[row]} of {names[file[row]]} twice", "each once")

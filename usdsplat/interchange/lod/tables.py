@@ -38,8 +38,8 @@ def assemble(root: Branch, folder: Path) -> tuple[NodeTable, F64]:
     first = np.where(counts > 0, 1 + np.cumsum(counts) - counts, 0).astype(np.int32)
     sizes = np.concatenate([each.sizes for each in found])
     table = NodeTable(
-        low=_rounded(np.concatenate([each.low for each in found]), -np.inf),
-        high=_rounded(np.concatenate([each.high for each in found]), np.inf),
+        low=rounded(np.concatenate([each.low for each in found]), -np.inf),
+        high=rounded(np.concatenate([each.high for each in found]), np.inf),
         errors=np.where(counts > 0, 1, 0).astype(np.float32),
         first_child=first,
         child_count=counts,
@@ -65,8 +65,8 @@ def nested(errors: F64, table: NodeTable) -> F32:
     return found.astype(np.float32)
 
 
-def _rounded(corners: F64, away: float) -> F32:
-    """Return single precision, rounded outwards."""
+def rounded(corners: F64, away: float) -> F32:
+    """Return corners in single precision, rounded outwards: to -inf or inf, as `away` says."""
     near = corners.astype(np.float32)
     inside = near > corners if away < 0 else near < corners
     return np.where(inside, np.nextafter(near, np.float32(away)), near).astype(np.float32)

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable
+from contextlib import suppress
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from usdsplat.core.cloud import F32, F64, I64, SplatCloud
 from usdsplat.core.errors import UsdSplatError
-from usdsplat.core.node_table import NodeTable
+from usdsplat.core.node_cuts import level_cut
+from usdsplat.core.node_table import MOST_LEVELS, NodeTable
 from usdsplat.core.sh import coefficient_count
 from usdsplat.render.fields import Field
 from usdsplat.render.specs import (
@@ -21,6 +23,9 @@ from usdsplat.render.specs import (
     SortingMode,
     drawn_mode,
 )
+
+_TOPMOST = 64
+"""Number of nodes that are read at most to find where the splats of a tree are."""
 
 Load = Callable[[int, int, int], SplatCloud]
 """Return the splats of a chunk by its number, first row and number of rows. It raises a
@@ -117,17 +122,15 @@ class Tree:
         return table.low[0].astype(np.float64), table.high[0].astype(np.float64)
 
     def coarsest(self) -> F32:
-        """Return the centres of the splats of the root, shape (n, 3); none if it cannot be read, or
-        has none."""
+        """Return the centres of the splats of the root, shape (n, 3); those of some of the topmost
+        nodes with proxies if it has none. What cannot be read is left out."""
         table = self.spec.table
-        count = int(table.proxies[0] + table.residents[0])
-        if not count or 0 in self.lost:
-            return np.empty((0, 3), np.float32)
-        try:
-            root = self.spec.load(int(table.chunk[0]), int(table.first_row[0]), count)
-        except UsdSplatError:
-            return np.empty((0, 3), np.float32)  # drawing reports it
-        return root.positions
+        rows = level_cut(table, MOST_LEVELS).rows(table)
+        found = [np.empty((0, 3), np.float32)]
+        for chunk, first, count in rows[:: -(-len(rows) // _TOPMOST)] if rows else ():
+            with suppress(UsdSplatError):  # drawing reports it
+                found.append(self.spec.load(chunk, first, count).positions)
+        return np.concatenate(found)
 
     def replace(self, spec: TreeSpec) -> None:
         """Replace the tree. Splats of unchanged chunks stay in the cache."""

@@ -12,7 +12,7 @@ from usdsplat.core.errors import StageError, UsdSplatError
 from usdsplat.core.findings import Finding, finding, from_error
 from usdsplat.core.wording import counted
 from usdsplat.schema import attributes, tokens
-from usdsplat.schema.chunks import chunk_shape
+from usdsplat.schema.chunks import check_chunk
 from usdsplat.schema.tree import Tree, is_tree, read_tree
 from usdsplat.schema.validation import radiance
 from usdsplat.schema.validation.finding import Sample
@@ -83,14 +83,8 @@ def _broken_chunks(prim: Usd.Prim, tree: Tree) -> Iterator[Finding]:
             continue
         ends = (table.first_row + table.proxies + table.residents)[mine]
         try:
-            rows, degree = chunk_shape(path)
-            if rows < ends.max():
-                node = int(np.flatnonzero(mine)[int(ends.argmax())])
-                expected = f"at least {ends.max()}, for node {node}"
-                raise StageError(path, counted(rows, "splat"), expected)
-            if degree != tree.degree:
-                found = f"harmonics of degree {degree}"
-                raise StageError(path, found, f"{tree.degree}, as in the tree")
+            node = int(np.flatnonzero(mine)[int(ends.argmax())])
+            check_chunk(path, int(ends.max()), tree.degree, f"for node {node}")
         except StageError as error:
             wrong.append(error)
     yield from broken_chunks(prim, wrong)

@@ -1,0 +1,107 @@
+"""Read a long, untrusted JSON text piece by piece.
+
+Python's own parser holds the whole document, some ten times the size of its text, and its depth is
+limited. Here only the values that the caller asks for are decoded, and each has a maximum length.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator
+from typing import Any
+
+from usdsplat.core.errors import FormatError
+
+LONGEST = 1 << 16
+"""Maximum length of a decoded value, unless stated otherwise [character]."""
+
+_SHORT = 512
+_SPACE = re.compile(r"[ \t\n\r]*")
+_DECODER = json.JSONDecoder()
+
+
+class JsonReader:
+    """Position in a JSON text. After each key and before each element, exactly one value must be
+    consumed: with `value`, `items` or `elements`.
+
+    Raises:
+        FormatError: If the text is not UTF-8; `where` names it.
+    """
+
+    def __init__(self, where: str, text: bytes) -> None:
+        self._where, self._at = where, 0
+        try:
+            self._text = text.decode("utf-8-sig")
+        except UnicodeDecodeError:
+            raise self._wrong() from None
+
+    def next(self) -> str:
+        """Return the first character of what follows, without consuming it; "" at the end."""
+        match = _SPACE.match(self._text, self._at)
+        self._at = match.end() if match else self._at
+        return self._text[self._at : self._at + 1]
+
+    def value(self, longest: int = LONGEST) -> Any:
+        """Decode the next value.
+
+        Raises:
+            FormatError: If it is not JSON, or longer than `longest` characters.
+        """
+        self.next()
+        for size in (_SHORT, longest):
+            part = self._text[self._at : self._at + size]
+            try:
+                value, length = _DECODER.raw_decode(part)
+            except (ValueError, RecursionError):
+                continue
+            if length < len(part) or self._at + length == len(self._text):  # no cut-off number
+                self._at += length
+                return value
+        raise self._wrong()
+
+    def items(self) -> Iterator[str]:
+        """Yield the keys of the object that follows; the caller consumes the value of each."""
+        self._take("{")
+        if self.next() == "}":
+            self._at += 1
+            return
+        more = True
+        while more:
+            key = self.value()
+            if not isinstance(key, str):
+                raise self._wrong()
+            self._take(":")
+            yield key
+            more = self._take(",}") == ","
+
+    def elements(self) -> Iterator[None]:
+        """Yield once for each element of the list that follows; the caller consumes it."""
+        self._take("[")
+        if self.next() == "]":
+            self._at += 1
+            return
+        more = True
+        while more:
+            yield
+            more = self._take(",]") == ","
+
+    def end(self) -> None:
+        """Raise an error unless the text ends here.
+
+        Raises:
+            FormatError: If it goes on.
+        """
+        if self.next():
+            raise self._wrong()
+
+    def _take(self, allowed: str) -> str:
+        """Consume one of the allowed characters."""
+        found = self.next()
+        if not found or found not in allowed:
+            raise self._wrong()
+        self._at += 1
+        return found
+
+    def _wrong(self) -> FormatError:
+        return FormatError(self._where, "text that is not JSON", "a JSON object")
