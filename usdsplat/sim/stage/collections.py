@@ -6,9 +6,10 @@ from collections.abc import Callable
 
 from pxr import Usd
 
-from usdsplat import schema
 from usdsplat.core.findings import Finding, finding
+from usdsplat.schema.lod_roots import find_roots
 from usdsplat.sim.parameters import NAMESPACE
+from usdsplat.sim.stage.trees import is_simulated
 
 SIMULATION_TYPE = "SplatSim"
 AFFECTOR_API = "SplatAffectorAPI"
@@ -25,12 +26,19 @@ def find_simulations(stage: Usd.Stage) -> list[Usd.Prim]:
 
 
 def splats(stage: Usd.Stage, simulation: Usd.Prim) -> tuple[list[Usd.Prim], list[Finding]]:
-    """Return the fields of a simulation, ordered by path, and a finding on each that is left out.
+    """Return the fields and splat trees of a simulation, ordered by path, and a finding on each
+    that is left out.
 
-    Fields in instances are left out, because no opinion can be authored on them.
+    Fields in instances are left out, because no opinion can be authored on them. Items of an LOD
+    root that a tree stands for are no members: the tree is simulated.
     """
     everyone = Usd.PrimRange.Stage(stage, Usd.TraverseInstanceProxies())
-    found = _members(everyone, simulation, SPLATS, schema.is_splat_field)
+    replaced = find_roots(stage).replaced
+    found = [
+        prim
+        for prim in _members(everyone, simulation, SPLATS, is_simulated)
+        if not any(prim.GetPath().HasPrefix(root) for root in replaced)
+    ]
     left_out = [
         finding(_LEFT_OUT, str(prim.GetPath()), "a field in an instance", "one that can be edited")
         for prim in found
