@@ -1,6 +1,6 @@
-"""Run `usdsplat convert` on many files, each in a separate process.
+"""Run `usdsplat convert`, or another command, on many files, each in a separate process.
 
-One process imports the command and is forked for every file. It has run nothing before, so a child
+One process imports the commands and is forked for every file. It has run nothing before, so a child
 behaves like a process that a user starts.
 """
 
@@ -10,6 +10,7 @@ import faulthandler
 import importlib
 import json
 import os
+import resource
 import subprocess
 import sys
 import tempfile
@@ -31,12 +32,21 @@ class Converted:
     """Lines on stderr."""
     peak: int
     """[MB] the most memory that the process had."""
+    seconds: float
+    """[s] processor time."""
 
 
-def convert_each(pairs: Iterable[tuple[Path, Path]]) -> list[Converted]:
-    """Convert each source to its target."""
+def convert_each(
+    pairs: Iterable[tuple[Path, Path]], command: str = "convert {} {}"
+) -> list[Converted]:
+    """Convert each source to its target.
+
+    Args:
+        pairs: Sources and targets.
+        command: Command line, with {} for the source and for the target, if it has one.
+    """
     done = subprocess.run(
-        [sys.executable, "-m", "tests.cli.converting"],
+        [sys.executable, "-m", "tests.cli.converting", *command.split()],
         input="\n".join(json.dumps([str(path) for path in pair]) for pair in pairs),
         capture_output=True,
         text=True,
@@ -46,19 +56,22 @@ def convert_each(pairs: Iterable[tuple[Path, Path]]) -> list[Converted]:
     return [Converted(**json.loads(line)) for line in done.stdout.splitlines()]
 
 
-def _converted(source: str, target: str) -> Converted:
+def _converted(command: list[str], source: str, target: str) -> Converted:
     with tempfile.TemporaryFile() as errors, tempfile.TemporaryFile() as memory:
         child = os.fork()
         if child == 0:
-            _convert_and_exit(source, target, errors.fileno(), memory.fileno())
+            paths = iter((source, target))
+            words = [next(paths) if word == "{}" else word for word in command]
+            _run_and_exit(words, errors.fileno(), memory.fileno())
         status = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
         errors.seek(0)
         memory.seek(0)
         said = errors.read().decode().splitlines()
-        return Converted(source, target, status, said, int(memory.read() or b"-1"))
+        peak, seconds = json.loads(memory.read() or b"[-1, -1]")
+        return Converted(source, target, status, said, peak, seconds)
 
 
-def _convert_and_exit(source: str, target: str, errors: int, memory: int) -> None:
+def _run_and_exit(words: list[str], errors: int, memory: int) -> None:
     """The child: never returns."""
     from usdsplat.cli.main import main
 
@@ -67,17 +80,21 @@ def _convert_and_exit(source: str, target: str, errors: int, memory: int) -> Non
         os.dup2(errors, 2)
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
         faulthandler.dump_traceback_later(_HANG_S, exit=True)
-        status = main(["convert", source, target])
+        status = main(words)
         lines = Path("/proc/self/status").read_text().splitlines()
         peak = next(int(line.split()[1]) for line in lines if line.startswith("VmHWM")) // 1024
-        os.write(memory, str(peak).encode())
+        used = resource.getrusage(resource.RUSAGE_SELF)
+        os.write(memory, json.dumps([peak, used.ru_utime + used.ru_stime]).encode())
     finally:
         sys.stderr.flush()
         os._exit(status)
 
 
 if __name__ == "__main__":
-    for module in ("pxr.Usd", "usdsplat.cli.convert", "usdsplat.interchange"):
+    modules = ["pxr.Usd", f"usdsplat.cli.{sys.argv[1]}", "usdsplat.interchange"]
+    if sys.argv[1] != "convert":
+        modules.append("usdsplat.delegate.engine")
+    for module in modules:
         importlib.import_module(module)  # so that no conversion is measured with its imports
     for line in sys.stdin.read().splitlines():
-        print(json.dumps(asdict(_converted(*json.loads(line)))), flush=True)
+        print(json.dumps(asdict(_converted(sys.argv[1:], *json.loads(line)))), flush=True)

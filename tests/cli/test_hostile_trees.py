@@ -7,14 +7,20 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from pxr import Sdf, Vt
 
 from tests.cli.converting import convert_each
 from tests.cli.test_hostile import check_refused
-from tests.formats.reading import linux_only
+from tests.cli.tree_mutations import mutated_tree
+from tests.formats.reading import MEMORY_LIMIT_MB, linux_only
 from tests.schema.clouds import cloud
 from tests.trees import changed, little_tree, write_chunk
 
+FEW, MANY = 56, 200
+"""Damaged trees."""
+LONGEST = 2.0
+"""Processor time of a command [s]."""
 LONG = 60_000_000
 """Length of arrays of equal numbers, which a crate file stores in 100 kB."""
 
@@ -122,3 +128,56 @@ def test_every_lie_and_every_bomb_is_one_sentence(tmp_path: Path) -> None:
     for each in done:
         each.said[:] = [line for line in each.said if "[unsupported-prim]" not in line]
         check_refused(each)
+
+
+def damaged(folder: Path, count: int) -> list[Path]:
+    """Trees with random mistakes."""
+    paths = []
+    for seed in range(count):
+        (folder / str(seed)).mkdir()
+        paths.append(mutated_tree(seed, folder / str(seed)))
+    return paths
+
+
+def check_converted(folder: Path, count: int) -> None:
+    """Damaged trees are a capture or one sentence, in little time and memory."""
+    done = convert_each((path, path.with_name("out.ply")) for path in damaged(folder, count))
+    assert len(done) == count
+    for each in done:
+        assert each.seconds < LONGEST, each
+        each.said[:] = [line for line in each.said if "[unsupported-prim]" not in line]
+        if each.status:
+            check_refused(each)
+        assert each.peak < MEMORY_LIMIT_MB and (each.status == 0) == Path(each.target).exists()
+    assert count / 10 < sum(each.status == 0 for each in done) < count / 2
+
+
+@linux_only
+def test_damaged_trees_are_a_capture_or_one_sentence(tmp_path: Path) -> None:
+    """Oracle: the contract of errors; time and memory that the system counted."""
+    check_converted(tmp_path, FEW)
+
+
+@linux_only
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+def test_two_hundred_damaged_trees_are_a_capture_or_one_sentence(tmp_path: Path) -> None:
+    """Oracle: as above."""
+    check_converted(tmp_path, MANY)
+
+
+@linux_only
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+@pytest.mark.parametrize("command", ["render", "validate"])
+def test_two_hundred_damaged_trees_are_drawn_with_findings(tmp_path: Path, command: str) -> None:
+    """Oracle: the contract of findings: `validate` ends with status 1 for an error and `render`
+    draws what is left; time and memory that the system counted."""
+    words = {"render": "render {} -o {} --resolution 32x24 --device cpu", "validate": "validate {}"}
+    paths = damaged(tmp_path, MANY)
+    done = convert_each([(path, path.with_name("out.png")) for path in paths], words[command])
+    assert len(done) == MANY
+    for each in done:
+        assert each.status in (0, 1) and not any("Traceback" in line for line in each.said), each
+        assert each.seconds < LONGEST and each.peak < MEMORY_LIMIT_MB, each
+        assert Path(each.target).exists() == (command == "render"), each

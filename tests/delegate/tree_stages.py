@@ -9,36 +9,36 @@ from usdsplat import schema
 from usdsplat.schema.tree import author_tree
 
 
-def write_chunk(path, cloud):
+def write_chunk(path, cloud, *, form="float"):
     """A layer whose default prim is a field."""
     stage = Usd.Stage.CreateNew(str(path)) if not path.exists() else Usd.Stage.Open(str(path))
-    stage.SetDefaultPrim(schema.author(stage, "/splats", cloud))
+    stage.SetDefaultPrim(schema.author(stage, "/splats", cloud, form=form))
     stage.Save()
 
 
-def author(stage, path, tree, folder):
+def author(stage, path, tree, folder, *, form="float"):
     """Author a `Made` tree with a chunk for each node, as layers in a folder."""
     folder.mkdir(exist_ok=True)
     for number, cloud in enumerate(tree.clouds):
-        write_chunk(folder / f"{number:04}.usdc", cloud)
+        write_chunk(folder / f"{number:04}.usdc", cloud, form=form)
     return author_tree(
         stage,
         path,
         tree.table,
         [f"./{folder.name}/{i:04}.usdc" for i in range(len(tree.clouds))],
-        degree=3,
+        degree=tree.clouds[0].sh_degree,
         color_space="srgb_rec709_scene",
         drawing=schema.DrawingHints(),
         pixel=0.0,
     )
 
 
-def tree_stage(folder, tree: Made | None = None):
+def tree_stage(folder, tree: Made | None = None, *, form="float"):
     """A stage with a tree at /World/Tree, written to a folder; and the tree."""
     tree = tree or made(1, leaf=60)
     stage = Usd.Stage.CreateNew(str(folder / "tree.usda"))
     UsdGeom.Xform.Define(stage, "/World")
-    author(stage, "/World/Tree", tree, folder / "tree_chunks")
+    author(stage, "/World/Tree", tree, folder / "tree_chunks", form=form)
     stage.Save()
     return stage, tree
 

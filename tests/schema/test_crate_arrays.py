@@ -15,6 +15,7 @@ from tests.trees import little_tree, tree_of, write_chunk
 from usdsplat.core.errors import StageError
 from usdsplat.schema.chunks import chunk_shape, read_chunk
 from usdsplat.schema.crate_arrays import RATIO, TRUSTED, check_arrays
+from usdsplat.schema.usd_files import MOST_TEXT
 
 LONG = 20_000_000
 
@@ -155,3 +156,29 @@ def test_a_count_in_a_header_allocates_nothing(tmp_path: Path) -> None:
     path.write_bytes(data.replace(count, struct.pack("<Q", 1 << 40)))
     with pytest.raises(StageError, match="expected"):
         read_chunk(str(path))
+
+
+@pytest.mark.parametrize("section", [b"TOKENS", b"FIELDS", b"FIELDSETS", b"PATHS", b"SPECS"])
+def test_a_section_that_claims_many_entries_is_one_sentence(tmp_path: Path, section: bytes) -> None:
+    """Oracle: the number that was written, for which USD would allocate memory."""
+    path = tmp_path / "chunk.usdc"
+    write_chunk(path, cloud(n=20))
+    data = bytearray(path.read_bytes())
+    start = struct.unpack_from("<q", data, data.index(section + b"\0") + 16)[0]
+    struct.pack_into("<Q", data, start, 1 << 22)
+    path.write_bytes(data)
+    with pytest.raises(StageError, match="more than 65536 values"):
+        read_chunk(str(path))
+
+
+def test_a_message_of_usd_is_cut(tmp_path: Path) -> None:
+    """Oracle: a chunk with thousands of broken values, each of which USD names."""
+    path = tmp_path / "chunk.usdc"
+    write_chunk(path, cloud(n=20))
+    data = bytearray(path.read_bytes())
+    start = struct.unpack_from("<q", data, data.index(b"SPECS\0") + 16)[0]
+    struct.pack_into("<Q", data, start, 1 << 15)
+    path.write_bytes(data)
+    with pytest.raises(StageError, match=r"^.* \.\.\., expected") as raised:
+        read_chunk(str(path))
+    assert len(str(raised.value)) < MOST_TEXT + 200

@@ -7,6 +7,8 @@ examples:
       run it; bake.usda shows the result, and the capture is not changed
   usdsplat simulate grow.usda -o bake.usda --set rd:preset=coral --set affector:friction=0.5
       with other values, without editing the stage
+  usdsplat simulate city_grow.usda -o bake.usda --max-splats 300000
+      simulate a cut of a splat tree; the bake is drawn in place of the tree
   usdsplat simulate grow.usda --frames 1:100 -o bake.usda --resume
       continue an interrupted bake
   usdsplat simulate --list-parameters
@@ -54,6 +56,11 @@ class Options:
     """value that overrides the stage's parameter, such as rd:preset=coral; may be repeated"""
     list_parameters: Annotated[bool, option()] = False
     """print every parameter and stop"""
+    lod: Annotated[int | None, option("LEVEL", excludes="--max-splats")] = None
+    """level of splat trees to simulate, 0 is the finest; not with --max-splats"""
+    max_splats: Annotated[int | None, option("COUNT")] = None
+    """simulate each splat tree with at most so many splats, by refining its largest errors first;
+    default: as on the stage, else 1000000"""
     resume: Annotated[bool, option()] = False
     """continue an existing bake from its last checkpoint"""
     force: Annotated[bool, option()] = False
@@ -99,6 +106,7 @@ def _make(options: Options, preset: str, reporter: Reporter) -> int:
     assert source is not None and target is not None  # checked by the caller
     for flag, given in (
         ("--frames", options.frames), ("--resume", options.resume), ("--set", options.overrides),
+        ("--lod", options.lod is not None), ("--max-splats", options.max_splats is not None),
     ):  # fmt: skip
         if given:
             raise UsageError(flag, f"--preset {preset} too", "one of them: first make, then run")
@@ -134,7 +142,7 @@ def _bake(options: Options, source: Path, target: Path, reporter: Reporter) -> i
         raise UsageError("--output", repr(str(target)), "a file")
     stage = open_stage(source, options.stage_opening, reporter)
     check_not_input(target, layer_files(stage))
-    for text in options.overrides:
+    for text in (*_tree_overrides(options), *options.overrides):
         override(stage, text)
     announce = reporter.announce_compilation(
         "compiling kernels, once for each kind of simulation; it takes up to a minute"
@@ -156,6 +164,19 @@ def _bake(options: Options, source: Path, target: Path, reporter: Reporter) -> i
         console.say_path(target)
         reporter.remark(report.sentence())
     return 0
+
+
+def _tree_overrides(options: Options) -> tuple[str, ...]:
+    """Return the assignments of the flags that choose a cut of splat trees."""
+    if options.lod is not None:
+        if options.lod < 0:
+            raise UsageError("--lod", str(options.lod), "a level, 0 the finest")
+        return (f"sim:treeLevel={options.lod}",)
+    if options.max_splats is not None:
+        if options.max_splats < 1:
+            raise UsageError("--max-splats", str(options.max_splats), "at least 1")
+        return ("sim:treeLevel=-1", f"sim:treeSplats={options.max_splats}")
+    return ()
 
 
 def _existing(options: Options) -> Existing:

@@ -117,6 +117,14 @@ def subdivided(
     return tuple(tuple(sorted(item, key=lambda each: each.fade)) for item in items)
 
 
+def reach(settings: RenderSettings) -> float:
+    """Return the largest offset along an axis that a sample of `subdivided` may have [pixel]."""
+    if settings.samples == 1:
+        return 0.5
+    _, offsets = _filter(settings.pixel_filter, settings.filter_width)
+    return float(offsets[-1])
+
+
 def center(settings: RenderSettings, camera: CameraSpec) -> Sample:
     """Return the sample for AOVs that must not be averaged: in the middle of shutter and lens."""
     if settings.samples == 1 or not settings.motion_blur:

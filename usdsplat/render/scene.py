@@ -152,10 +152,8 @@ class RenderScene:
     def set_crops(self, path: str, crops: tuple[CropSpec, ...]) -> None:
         """Set the crops that keep or remove splats of the field or tree at `path`."""
         self._forget_order()
-        if path in self._trees:
-            self._trees[path].set_crops(crops)
-        else:
-            self._fields[path].crops = crops
+        owner = self._trees.get(path) or self._fields[path]
+        owner.crops = crops
 
     def set_instances(self, path: str, instances: tuple[InstanceSpec, ...]) -> None:
         """Set the instances of the field, tree or mesh at `path`."""

@@ -28,11 +28,16 @@ TRUSTED = 1 << 20
 RATIO = 8
 """Largest ratio of the length of a longer one to that of the longest stored array."""
 MOST_FIELDS = 1 << 16
-"""Largest number of different values of a layer that is checked."""
+"""Largest number of different values of a layer that is checked, and of the paths and tokens of a
+chunk."""
 
 _MAGIC = b"PXR-USDC"
 _SECTION = struct.Struct("<16sqq")
 _MOST_SECTIONS = 64
+_COUNTED = (b"TOKENS", b"STRINGS", b"FIELDS", b"FIELDSETS", b"PATHS", b"SPECS")
+"""Sections that begin with the number of their entries."""
+_LZ4 = 255
+"""Largest ratio of LZ4."""
 _ARRAY, _INLINED, _COMPRESSED = 1 << 63, 1 << 62, 1 << 61
 _PAYLOAD = (1 << 48) - 1
 _DAMAGED = (
@@ -101,18 +106,20 @@ def _check(file: BinaryIO, where: str, is_chunk: bool) -> None:
     if version < (0, 5, 0):
         return
     size = file.seek(0, 2)
+    sections = _sections(file, struct.unpack("<q", start[16:])[0])
+    if is_chunk:
+        _check_sections(file, where, sections)
     count = struct.Struct("<Q" if version >= (0, 7, 0) else "<I")
     stored, compressed = TRUSTED // RATIO, 0
-    values = _values(file, struct.unpack("<q", start[16:])[0])
-    if values is None and is_chunk:
-        raise StageError(where, f"more than {MOST_FIELDS} values", "a layer with one field")
-    for value in values or ():
+    for value in _values(file, sections):
         if not value & _ARRAY or value & _INLINED or not value & _PAYLOAD:
             continue
         file.seek(value & _PAYLOAD)
         (length,) = count.unpack(file.read(count.size))
         if value & _COMPRESSED:
             compressed = max(compressed, length)
+        elif length > size:
+            raise struct.error("an array beyond the file")
         elif 4 * length <= size:
             stored = max(stored, length)
     if compressed > RATIO * stored:
@@ -120,25 +127,49 @@ def _check(file: BinaryIO, where: str, is_chunk: bool) -> None:
         raise StageError(where, found, f"at most {RATIO * stored} beside the other arrays")
 
 
-def _values(file: BinaryIO, contents: int) -> list[int] | None:
-    """Return the 64-bit representations of the values of a crate file; None if they are too many.
+def _sections(file: BinaryIO, contents: int) -> dict[bytes, tuple[int, int]]:
+    """Return the name of each section of a crate file -> its offset and size.
 
     Args:
         file: The file.
         contents: Offset of its table of sections.
     """
     file.seek(contents)
-    (sections,) = struct.unpack("<Q", file.read(8))
-    for _ in range(min(sections, _MOST_SECTIONS)):
-        name, start, _length = _SECTION.unpack(file.read(_SECTION.size))
-        if name.rstrip(b"\0") == b"FIELDS":
-            break
-    else:
+    (count,) = struct.unpack("<Q", file.read(8))
+    found: dict[bytes, tuple[int, int]] = {}
+    for _ in range(min(count, _MOST_SECTIONS)):
+        name, start, length = _SECTION.unpack(file.read(_SECTION.size))
+        found.setdefault(name.rstrip(b"\0"), (start, length))
+    return found
+
+
+def _check_sections(file: BinaryIO, where: str, sections: dict[bytes, tuple[int, int]]) -> None:
+    """Raise an error if a section of a chunk has more entries than a chunk needs. USD allocates
+    memory for as many as the header of the section states."""
+    for name in _COUNTED:
+        if name not in sections:
+            continue
+        start, length = sections[name]
+        file.seek(start)
+        (entries,) = struct.unpack("<Q", file.read(8))
+        if entries > MOST_FIELDS:
+            raise StageError(where, f"more than {MOST_FIELDS} values", "a layer with one field")
+        if name == b"TOKENS":
+            (text,) = struct.unpack("<Q", file.read(8))
+            if text > _LZ4 * length:
+                raise struct.error("a damaged buffer")
+
+
+def _values(file: BinaryIO, sections: dict[bytes, tuple[int, int]]) -> list[int]:
+    """Return the 64-bit representations of the values of a crate file; none if they are too
+    many."""
+    if b"FIELDS" not in sections:
         return []
+    start, _ = sections[b"FIELDS"]
     file.seek(start)
     fields, names = struct.unpack("<QQ", file.read(16))
     if fields > MOST_FIELDS:
-        return None
+        return []
     file.seek(start + 16 + names)
     (packed,) = struct.unpack("<Q", file.read(8))
     data = _inflated(file.read(min(packed, 16 * fields + 1024)), 8 * fields)

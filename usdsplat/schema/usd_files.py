@@ -26,6 +26,8 @@ _SECTION = struct.Struct("<16sqq")
 """Name, offset and size of a section of a crate file."""
 _SECTIONS = 64
 """Largest number of sections that is taken for sane; there are six."""
+MOST_TEXT = 400
+"""Largest number of characters of a message of USD that is quoted."""
 
 
 @contextmanager
@@ -43,8 +45,10 @@ def usd_errors(target: Path | str) -> Iterator[None]:
 
 
 def sentence(error: Tf.ErrorException) -> str:
-    """Return USD's message of its first error on one line."""
-    return " ".join(error.args[0].commentary.split()) if error.args else ""
+    """Return USD's message of its first error on one line, cut after `MOST_TEXT` characters: of a
+    damaged layer it names every broken value."""
+    text = " ".join(error.args[0].commentary.split()) if error.args else ""
+    return text if len(text) <= MOST_TEXT else f"{text[:MOST_TEXT]} ..."
 
 
 def new_layer(path: Path, output: OutputFile) -> Sdf.Layer:

@@ -9,8 +9,15 @@ import numpy as np
 import pytest
 
 from tests.render.lod.drawn import drawn_counts, drawn_nodes
-from tests.render.lod.trees import made
-from tests.render.rendering import lens, picture, random_transform, settings_of, view_of
+from tests.render.lod.trees import Made, made
+from tests.render.rendering import (
+    lens,
+    picture,
+    random_cloud,
+    random_transform,
+    settings_of,
+    view_of,
+)
 from usdsplat.core.errors import StageError
 from usdsplat.kernels.devices import open_device
 from usdsplat.render.renderer import AOVS, Renderer
@@ -90,6 +97,20 @@ def test_a_crop_of_the_picture_has_the_pixels_of_the_whole():
     part = picture(tree_scene(tree), view_of(lens(), (30, 21, 97, 90)), lod_error=2.0)
     for name in AOVS:
         np.testing.assert_array_equal(part[name], whole[name][21:90, 30:97], err_msg=name)
+
+
+def test_a_crop_has_what_samples_of_a_wide_filter_show():
+    """Oracle: the same pixels of the whole picture. Samples of coarse levels are farther from the
+    pixel than the two samples of the plan."""
+    cloud = random_cloud(4, 800, 0)
+    cloud.positions[:] *= (0.5, 0.5, 0.001)
+    cloud.scales[:], cloud.opacities[:] = 0.004, 0.99
+    tree = Made(cloud, leaf=1)
+    settings = {"lod_error": 1.0, "samples": 2, "lod_samples": 6, "aovs": ("color",)}
+    settings |= {"pixel_filter": "box", "filter_width": 16.0}
+    whole = picture(tree_scene(tree, degree=0), view_of(lens()), **settings)["color"]
+    found = picture(tree_scene(tree, degree=0), view_of(lens(), (40, 31, 50, 40)), **settings)
+    np.testing.assert_array_equal(found["color"], whole[31:40, 40:50])
 
 
 def test_a_coarse_cut_draws_the_proxies_antialiased_with_samples():

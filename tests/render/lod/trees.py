@@ -92,7 +92,7 @@ class Made:
         return concatenated([*root, *(self.clouds[node] for node in leaf)])
 
 
-def made(seed=1, n=400, **options):
+def made(seed=1, n=400, degree=3, **options):
     """A tree of random splats of moderate size."""
-    cloud = random_cloud(seed, n)
+    cloud = random_cloud(seed, n, degree)
     return Made(replace(cloud, scales=0.4 * cloud.scales), **options)

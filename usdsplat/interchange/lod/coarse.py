@@ -16,10 +16,10 @@ from usdsplat.core.node_table import NodeTable
 from usdsplat.interchange import files
 from usdsplat.interchange.authoring import prepare
 from usdsplat.interchange.lod.chunks import ChunkForm
-from usdsplat.interchange.tree_reading import read_rows
 from usdsplat.schema import DrawingHints
 from usdsplat.schema.extent import compute_extent
 from usdsplat.schema.lod_root_authoring import author_lod_root
+from usdsplat.schema.tree_cuts import read_rows
 
 COARSE = "coarse"
 """Name of the prim beside the tree, below which the LOD root is."""

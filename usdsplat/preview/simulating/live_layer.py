@@ -25,6 +25,7 @@ from usdsplat.sim.parameters import BakeParameters
 from usdsplat.sim.stage.bake_dense import KINDS, stored
 from usdsplat.sim.stage.plan import BakedField, Plan, plan
 from usdsplat.sim.stage.sample_layer import SampleLayer, sampled
+from usdsplat.sim.stage.trees import author_replacement
 from usdsplat.sim.state import Frame
 
 Array = npt.NDArray[Any]
@@ -175,6 +176,8 @@ class LiveLayer:
             if said.retype:
                 degree = part.attribute(path, tokens.SH_DEGREE, _Type.Int, uniform=True)
                 degree.default = said.rest.sh_degree
+            if said.rasterize_mode:
+                author_replacement(part, path, said.rasterize_mode, said.lod_root)
             if said.block_velocities:
                 speeds = part.attribute(path, tokens.VELOCITIES, _Type.Vector3fArray)
                 speeds.default = Sdf.ValueBlock()

@@ -47,12 +47,18 @@ class SeenTree:
 
 
 def gathered(
-    sampler: TimeSampler, plan: Sequence[Sample]
+    sampler: TimeSampler, plan: Sequence[Sample], reach: float = 0.0
 ) -> tuple[RenderScene, list[Screen], dict[str, SeenTree]]:
-    """Return the scene at the picture's time, and its trees and screens in all samples."""
+    """Return the scene at the picture's time, and its trees and screens in all samples.
+
+    Args:
+        sampler: Scene and view at a time relative to the picture's.
+        plan: Samples of the picture.
+        reach: Largest offset of a sample from a pixel's centre [pixel], by which windows grow.
+    """
     poses: list[tuple[Screen, dict[str, tuple[InstanceSpec, ...]]]] = []
     trees: dict[str, Tree] = {}
-    margin = math.ceil(max(max(map(abs, each.offset)) for each in plan))
+    margin = math.ceil(reach)
     lenses = sorted({(each.time, each.lens) for each in plan})
     try:
         for time in sorted({time for time, _ in lenses}):

@@ -59,7 +59,7 @@ class PictureNodes:
     ) -> None:
         self._settings = settings
         self._fades = fades(settings)
-        scene, screens, self._seen = gathered(sampler, plan)
+        scene, screens, self._seen = gathered(sampler, plan, sampling.reach(settings))
         budget = settings.splat_budget
         self._cut, self._fields = self._loaded(
             scene.node_cache, screens, _tree_budget(scene, settings)
@@ -116,7 +116,7 @@ class PictureNodes:
             kept = reached.keeping(reached.seen)
             captured: list[_Appearance] = []
             for part, which in _parts(seen.spec, kept.nodes, kept.errors > self._most):
-                field = self._fields.get((path, part))
+                field = self._present((path, part))
                 if field is None:
                     continue
                 for row in which.tolist():
@@ -133,6 +133,16 @@ class PictureNodes:
         return [*(one for _, some in found for one in some), *inner]
 
     # --- private ---------------------------------------------------------------------------
+
+    def _present(self, name: tuple[str, Part]) -> Field | None:
+        """Return a part of a node with the grade and the crops that the tree has now: they may
+        change between samples. Unchanged ones stay the same object."""
+        found, tree = self._fields.get(name), self._seen[name[0]].tree
+        if found is None or (found.spec.grade == tree.spec.grade and found.crops == tree.crops):
+            return found
+        spec = replace(found.spec, grade=tree.spec.grade)
+        self._fields[name] = replace(found, spec=spec, crops=tree.crops)
+        return self._fields[name]
 
     def _loaded(
         self, cache: NodeCache, screens: Sequence[Screen], budget: int

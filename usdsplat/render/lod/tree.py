@@ -137,9 +137,3 @@ class Tree:
         self.spec, self.elements = spec, spec.first_elements()
         self.problems, self.closed, self.lost, self.fields = {}, set(), set(), {}
         self.subject = None
-
-    def set_crops(self, crops: tuple[CropSpec, ...]) -> None:
-        """Set the crops that keep or remove splats."""
-        self.crops = crops
-        for each in self.fields.values():
-            each.crops = crops

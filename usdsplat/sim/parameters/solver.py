@@ -62,6 +62,20 @@ class SimParameters:
         "2 for splats on surfaces, 3 for splats that fill a volume, auto detects it",
         uniform=True,
     )
+    tree_level: int = knob(
+        -1,
+        "level of detail of a splat tree that is simulated, 0 the leaves; negative is the finest "
+        "cut of treeSplats",
+        range=(-1, 63),
+        uniform=True,
+    )
+    tree_splats: int = knob(
+        1_000_000,
+        "largest number of splats of a splat tree that are simulated, by refining the largest "
+        "errors first",
+        range=(1, 2**31 - 1),
+        uniform=True,
+    )
     max_speed: float = knob(INF, "largest speed of a splat", unit="unit/s", range=(0.0, INF))
 
 

@@ -15,6 +15,7 @@ from usdsplat.schema.vt import to_vt
 from usdsplat.sim.stage.epochs import Sample
 from usdsplat.sim.stage.plan import Plan
 from usdsplat.sim.stage.sample_layer import SampleLayer
+from usdsplat.sim.stage.trees import author_replacement
 
 Array = npt.NDArray[Any]
 
@@ -92,8 +93,10 @@ def stop(part: SampleLayer, path: str, time: float) -> None:
 
 
 def common(part: SampleLayer, plan: Plan, sample: Sample) -> None:
-    """Author what all modes have: extent, velocities, ids, pattern."""
+    """Author what all modes have: extent, velocities, ids, pattern, and what replaces a tree."""
     path, time = plan.path, sample.time
+    if plan.rasterize_mode:
+        author_replacement(part, path, plan.rasterize_mode, plan.lod_root)
     if plan.moves:
         box = to_vt(sample.box, Vt.Vec3fArray)
         part.sample(path, tokens.EXTENT, _Type.Float3Array, box, time)

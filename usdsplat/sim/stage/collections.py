@@ -6,10 +6,10 @@ from collections.abc import Callable
 
 from pxr import Usd
 
-from usdsplat import schema
 from usdsplat.core.findings import Finding, finding
 from usdsplat.schema.lod_roots import find_roots
 from usdsplat.sim.parameters import NAMESPACE
+from usdsplat.sim.stage.trees import is_simulated
 
 SIMULATION_TYPE = "SplatSim"
 AFFECTOR_API = "SplatAffectorAPI"
@@ -26,14 +26,15 @@ def find_simulations(stage: Usd.Stage) -> list[Usd.Prim]:
 
 
 def splats(stage: Usd.Stage, simulation: Usd.Prim) -> tuple[list[Usd.Prim], list[Finding]]:
-    """Return the fields of a simulation, ordered by path, and a finding on each that is left out.
+    """Return the fields and splat trees of a simulation, ordered by path, and a finding on each
+    that is left out.
 
     Fields in instances are left out, because no opinion can be authored on them; and without a
-    finding those for other renderers, of which a tree is drawn instead.
+    finding those for other renderers, of which a tree is drawn, and simulated, instead.
     """
     roots = find_roots(stage)
     everyone = Usd.PrimRange.Stage(stage, Usd.TraverseInstanceProxies())
-    members = _members(everyone, simulation, SPLATS, schema.is_splat_field)
+    members = _members(everyone, simulation, SPLATS, is_simulated)
     found = [prim for prim in members if not roots.is_replaced(prim)]
     left_out = [
         finding(_LEFT_OUT, str(prim.GetPath()), "a field in an instance", "one that can be edited")

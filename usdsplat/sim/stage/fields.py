@@ -12,13 +12,17 @@ from usdsplat.core.cloud import F32, SplatCloud
 from usdsplat.core.errors import StageError
 from usdsplat.core.findings import Finding, finding
 from usdsplat.schema.values import value, vectors
+from usdsplat.sim.stage.trees import TreeCut
 
 SELECTION = "splatSim:weight"
 """Primvar with the selection weight of splats."""
 
 
-def read_rest(prim: Usd.Prim, start: Usd.TimeCode) -> tuple[SplatCloud, list[Finding]]:
-    """Return the capture at the start, in its own space, and findings about it.
+def read_rest(
+    prim: Usd.Prim, start: Usd.TimeCode, cut: TreeCut | None = None
+) -> tuple[SplatCloud, list[Finding]]:
+    """Return the capture at the start, in its own space, and findings about it. That of a splat
+    tree is a cut.
 
     Ids that do not ascend are dropped: a simulation orders splats by id and by row, which must
     agree.
@@ -27,7 +31,7 @@ def read_rest(prim: Usd.Prim, start: Usd.TimeCode) -> tuple[SplatCloud, list[Fin
         UsdSplatError: If it cannot be read, has no splats, or some that are not finite.
     """
     where = str(prim.GetPath())
-    cloud = schema.fetch(prim, start)
+    cloud = schema.fetch(prim, start) if cut is None else cut.cloud()
     if not len(cloud):
         raise StageError(where, "no splats", "at least one splat")
     numbers = (cloud.positions, cloud.scales, cloud.rotations, cloud.opacities[:, None])

@@ -14,6 +14,7 @@ from usdsplat.core.errors import StageError, UsageError
 from usdsplat.schema import packed, proxy, stock, tokens
 from usdsplat.sim.parameters import BakeParameters
 from usdsplat.sim.stage.spool import SpoolOptions
+from usdsplat.sim.stage.trees import is_simulated, replaced_root
 
 ARRAYS = {
     "positions": tokens.POSITIONS,
@@ -40,6 +41,8 @@ class BakedField:
     """Arrays of the cloud that the simulation changes, of ARRAYS; others are not written."""
     is_fixed: bool
     """Whether no splat can be born or die."""
+    rasterize_mode: str = ""
+    """Of a cut of a splat tree; "" for a field."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -55,6 +58,10 @@ class Plan:
     is_packed: bool
     proxy: str | None
     """Path of the proxy that a packed bake writes; None if it writes none."""
+    rasterize_mode: str
+    """Mode that replaces that of a splat tree; "" for a field."""
+    lod_root: str
+    """Path of the LOD root that the tree stands for, or an empty string."""
     ids: bool
     """Whether a fixed population needs its ids written."""
     block_velocities: bool
@@ -83,7 +90,7 @@ def plan(stage: Usd.Stage, field: BakedField, parameters: BakeParameters) -> Pla
     is_packed = parameters.mode == "packed"
     form = schema.form_of(prim)
     retype = tokens.PACKED_TYPE if is_packed and form != "packed" else ""
-    if not is_packed and form == "packed":
+    if not is_packed and (form == "packed" or schema.is_tree(prim)):
         retype = tokens.STOCK_TYPE
     is_whole = is_packed or bool(retype) or not field.is_fixed
     writes = set(ARRAYS) if is_whole else set(field.writes)
@@ -98,6 +105,8 @@ def plan(stage: Usd.Stage, field: BakedField, parameters: BakeParameters) -> Pla
         retype=retype,
         is_packed=is_packed,
         proxy=_proxy(prim) if is_packed else None,
+        rasterize_mode=field.rasterize_mode,
+        lod_root=replaced_root(prim) if schema.is_tree(prim) else "",
         ids=field.is_fixed and parameters.mode != "edit" and not (known and known.HasValue()),
         block_velocities="positions" in writes and not velocities and _has_velocities(prim),
         is_imageable=_purpose(prim) == "default",
@@ -119,7 +128,7 @@ def plan(stage: Usd.Stage, field: BakedField, parameters: BakeParameters) -> Pla
 def _check(prim: Usd.Prim, field: BakedField, parameters: BakeParameters) -> None:
     """Reject fields that cannot be baked."""
     where = field.path
-    if not schema.is_splat_field(prim):
+    if not is_simulated(prim):
         raise StageError(where, "no splat field", "a splat field to bake")
     if prim.IsInstanceProxy() or prim.IsInPrototype() or prim.IsInstance():
         raise StageError(where, "an instance", "a prim that can be edited")
@@ -135,6 +144,8 @@ def _check(prim: Usd.Prim, field: BakedField, parameters: BakeParameters) -> Non
             raise StageError("bake:mode edit", found, "26.3 or later")
         if not field.is_fixed:
             raise StageError(f"{where}, bake:mode edit", "births or deaths", "the same splats")
+        if schema.is_tree(prim):
+            raise StageError(f"{where}, bake:mode edit", "a splat tree", "a stock field")
         if schema.form_of(prim) == "packed":
             raise StageError(f"{where}, bake:mode edit", "a packed field", "a stock one")
 

@@ -22,9 +22,11 @@ from usdsplat.core.readable import check_referable
 from usdsplat.schema.lod_roots import find_roots
 from usdsplat.schema.stage_values import up_axis
 from usdsplat.schema.usd_files import export_layer
+from usdsplat.sim.parameters import SimParameters
 from usdsplat.sim.stage import spaces
 from usdsplat.sim.stage.authoring import author, relate
 from usdsplat.sim.stage.torus import author_torus
+from usdsplat.sim.stage.trees import TreeCut, is_simulated
 
 PresetName = Literal["grow", "push", "conform", "dissolve"]
 FIRST, LAST, RATE = 1, 100, 24
@@ -95,7 +97,7 @@ def author_preset(
         name: "grow": a labyrinth pattern colours, raises and multiplies splats, and a ball passes
             slowly. "push": a ball passes through. "conform": splats move onto a ring around them.
             "dissolve": splats are blown away.
-        capture: A stage from a file, with one splat field.
+        capture: A stage from a file, with one splat field or splat tree.
         target: A .usda or .usdc file, replaced when complete; it refers to the capture by a
             relative path.
         last: Frame at which the ball has passed and the pattern has formed, at least 24.
@@ -103,8 +105,7 @@ def author_preset(
     Raises:
         UsageError: If there is no such preset.
         StageError: If the stage is not from a file, or from one of a name that a layer cannot refer
-            to, does not have exactly one field, or has a
-            simulation.
+            to, does not have exactly one field or tree, or has a simulation.
         OutputError: If the target cannot be written.
     """
     if name not in get_args(PresetName):
@@ -274,13 +275,13 @@ def _ball(scene: Scene, *, radius: float, frames: tuple[int, int], friction: flo
 
 
 def _only_field(capture: Usd.Stage) -> Usd.Prim:
-    """Return the only field of the stage."""
+    """Return the only field or tree of the stage."""
     where = capture.GetRootLayer().identifier
     if not capture.GetRootLayer().realPath:
         raise StageError(where, "a stage without a file", "one that can be a sublayer")
     roots = find_roots(capture)
     everything = (prim for prim in capture.Traverse() if not roots.is_replaced(prim))
-    fields = list(filter(schema.is_splat_field, everything))
+    fields = list(filter(is_simulated, everything))
     if len(fields) != 1:
         raise StageError(where, f"{len(fields)} splat fields", "one")
     for prim in capture.Traverse():
@@ -301,7 +302,9 @@ def _scene(stage: Usd.Stage, field: Usd.Prim, last: int) -> Scene:
     to_world = spaces.to_world(holder, start) if is_above else np.eye(4)
     own = stage.GetPrimAtPath(field.GetPath())
     matrix = np.asarray(np.linalg.solve(to_world, spaces.to_world(own, start)), np.float64)
-    points = spaces.transform_points(matrix, schema.fetch(own, FIRST).positions).astype(np.float64)
+    is_tree = schema.is_tree(own)
+    cloud = TreeCut.of(own, SimParameters()).cloud() if is_tree else schema.fetch(own, FIRST)
+    points = spaces.transform_points(matrix, cloud.positions).astype(np.float64)
     points = points[np.isfinite(points).all(axis=1)]
     if not len(points):
         raise StageError(str(field.GetPath()), "no splats", "at least one splat")

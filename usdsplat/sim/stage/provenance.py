@@ -157,18 +157,20 @@ def parameter_lines(stage: Usd.Stage, times: Sequence[float]) -> tuple[str, ...]
 def input_hash(
     stage: Usd.Stage,
     without: Iterable[str] = (),
+    chunks: Iterable[str] = (),
     *,
     reading: AbstractContextManager[Any] = UNGUARDED,
 ) -> tuple[str, ...]:
-    """Return SHA-256 of every layer that a stage is made of, value clips included, "hash  path"
-    each, sorted by path.
+    """Return SHA-256 of every layer that a stage is made of, value clips and chunks of splat trees
+    included, "hash  path" each, sorted by path.
 
     Args:
         stage: Layers on disk count as files, edits in memory as text.
         without: Identifiers of layers to skip.
+        chunks: Resolved paths of chunks, which no stage composes.
         reading: Entered while the stage is read, but not while files are, which may be large.
     """
-    files: set[Path] = set()
+    files = {Path(file_of(path)) for path in chunks}
     lines = []
     skipped = set(without)
     with reading:

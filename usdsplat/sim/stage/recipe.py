@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from pxr import Usd
 
+from usdsplat import schema
 from usdsplat.core.cloud import F32, F64, SplatCloud
 from usdsplat.core.errors import StageError
 from usdsplat.core.findings import Finding
@@ -35,6 +36,7 @@ from usdsplat.sim.stage.parameters import FRAME, instances, read, read_all
 from usdsplat.sim.stage.skeletons import Rigs
 from usdsplat.sim.stage.spaces import Space
 from usdsplat.sim.stage.targets import SurfaceReader, related
+from usdsplat.sim.stage.trees import TreeCut
 
 __all__ = ["UNGUARDED", "StageRecipe", "find_simulations", "recipes"]
 
@@ -82,7 +84,7 @@ class StageRecipe:
 
     Args:
         simulation: The SplatSim prim.
-        field: The splat field.
+        field: The splat field, or a splat tree.
         rigs: Skinning of the stage.
         first: First frame that is simulated [time code].
         said: Findings about the simulation so far.
@@ -109,7 +111,9 @@ class StageRecipe:
         self.start = asked.start_time if math.isfinite(asked.start_time) else first
         """First frame of the simulation [time code]."""
         self._space = Space(field, asked.space, Usd.TimeCode(self.start))
-        self._rest, of_field = fields.read_rest(field, self._space.start)
+        self.cut = TreeCut.of(field, asked) if schema.is_tree(field) else None
+        """The cut of a splat tree; None for a field."""
+        self._rest, of_field = fields.read_rest(field, self._space.start, self.cut)
         self._selection = fields.read_selection(field, len(self._rest), self._space.start)
         members = collections.affectors(stage, simulation)
         self._affectors = [AffectorReader(prim, self._space, rigs) for prim in members]

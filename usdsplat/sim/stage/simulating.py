@@ -59,12 +59,11 @@ class Report:
         """Return the report as a sentence."""
         if not self.frames:
             return "nothing to do: all frames are baked already"
-        count = sum(self.splats.values())
         slowest = sorted(self.stages.items(), key=lambda item: -item[1])[:3]
         where = ", ".join(f"{name} {spent:.1f} s" for name, spent in slowest)
         return (
-            f"{self.frames} frames of {count:,} splats in {self.seconds:.1f} s, "
-            f"{self.seconds_per_frame:.2f} s a frame ({where}), at most {self.megabytes:,.0f} MB"
+            f"{self.frames} frames of {sum(self.splats.values()):,} splats in {self.seconds:.1f} "
+            f"s, {self.seconds_per_frame:.2f} s a frame ({where}), at most {self.megabytes:,.0f} MB"
         )
 
 
@@ -215,9 +214,9 @@ def _recipes(
 ) -> dict[str, StageRecipe]:
     """Return the recipe of each field, by its path."""
     prims = find_simulations(stage)
-    where = stage.GetRootLayer().GetDisplayName()
-    if not stage.GetTimeCodesPerSecond() > 0:
-        found = f"timeCodesPerSecond of {stage.GetTimeCodesPerSecond():g}"
+    where, rate = stage.GetRootLayer().GetDisplayName(), stage.GetTimeCodesPerSecond()
+    if not rate > 0:
+        found = f"timeCodesPerSecond of {rate:g}"
         raise StageError(where, found, "more than 0")
     if not prims:
         raise StageError(where, "no SplatSim prim", "one; usdsplat simulate --preset makes one")
@@ -347,8 +346,7 @@ def _run(
 
 def _common(simulation: Simulation) -> Parameters:
     """Return the parameters of the first simulation, which the bake uses."""
-    every = {recipe.simulation: recipe for recipe in simulation.recipes.values()}
-    if not every:
+    if not (every := {recipe.simulation: recipe for recipe in simulation.recipes.values()}):
         raise StageError("simulate", "no splat field in any simulation", "at least one")
     first, *others = (recipe.parameters(simulation.frames[0]) for recipe in every.values())
     for other, name in zip(others, list(every)[1:], strict=True):
@@ -366,6 +364,7 @@ def baked_fields(simulation: Simulation) -> list[BakedField]:
             rest=recipe.rest,
             writes=simulation.writes(path),
             is_fixed=not simulation.uses[path].has_births,
+            rasterize_mode=recipe.cut.rasterize_mode if recipe.cut else "",
         )
         for path, recipe in simulation.recipes.items()
     ]
@@ -377,10 +376,11 @@ def _provenance(simulation: Simulation, parameters: Parameters) -> Provenance:
     with simulation.reading:
         opinions, lines = parameter_hash(stage, frames), parameter_lines(stage, frames)
         rate, edits = stage.GetTimeCodesPerSecond(), stage.GetSessionLayer().identifier
+    chunks = [file for each in simulation.recipes.values() if each.cut for file in each.cut.files]
     return Provenance(
         param_hash=opinions,
         parameters=lines,
-        input_hash=input_hash(stage, without=[edits], reading=simulation.reading),
+        input_hash=input_hash(stage, [edits], chunks, reading=simulation.reading),
         seed=sim.seed,
         substeps=sim.substeps,
         dt=1.0 / (rate * sim.substeps),
@@ -396,5 +396,5 @@ def _peak_memory() -> float:
         import resource
     except ImportError:  # not on Windows
         return 0.0
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return peak / (1e6 if sys.platform == "darwin" else 1e3)
+    unit = 1e6 if sys.platform == "darwin" else 1e3
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / unit

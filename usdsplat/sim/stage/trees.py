@@ -1,0 +1,89 @@
+"""Splat trees in simulations: a cut is simulated, and its bake is a field in place of the tree."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from pxr import Sdf, Usd, UsdGeom
+
+from usdsplat import schema
+from usdsplat.core.cloud import SplatCloud
+from usdsplat.core.errors import StageError
+from usdsplat.core.node_cuts import NodeCut, heights, level_cut
+from usdsplat.schema import tokens
+from usdsplat.schema.tree import Tree
+from usdsplat.schema.tree_cuts import cut_rasterize_mode, cut_within, read_cut
+from usdsplat.sim.parameters import NAMESPACE, SimParameters
+from usdsplat.sim.stage.sample_layer import SampleLayer
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TreeCut:
+    """The cut of a splat tree that is simulated."""
+
+    prim: Usd.Prim
+    tree: Tree
+    cut: NodeCut
+
+    @classmethod
+    def of(cls, prim: Usd.Prim, parameters: SimParameters) -> TreeCut:
+        """Choose the cut of a tree; no chunk is opened.
+
+        Raises:
+            StageError: If the tree cannot be read, or has no such cut.
+        """
+        tree, level = schema.read_tree(prim), parameters.tree_level
+        if level < 0:
+            return cls(prim, tree, cut_within(prim, tree, parameters.tree_splats))
+        top = int(heights(tree.table)[0])
+        if level > top:
+            where = f"{prim.GetPath()}, {NAMESPACE}:sim:treeLevel"
+            raise StageError(where, f"level {level}", f"0 to {top}")
+        return cls(prim, tree, level_cut(tree.table, level))
+
+    @property
+    def rasterize_mode(self) -> str:
+        """Mode of most of the splats."""
+        return cut_rasterize_mode(self.tree, self.cut)
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """Resolved paths of the chunks that are read."""
+        chunks = {chunk for chunk, _, _ in self.cut.rows(self.tree.table)}
+        return tuple(self.tree.chunks[chunk] for chunk in sorted(chunks))
+
+    def cloud(self) -> SplatCloud:
+        """Read the splats, in the local space of the tree.
+
+        Raises:
+            StageError: If a chunk is missing, cannot be read, or does not have these rows.
+        """
+        return read_cut(self.prim, self.tree, self.cut)
+
+
+def is_simulated(prim: Usd.Prim) -> bool:
+    """Return whether a simulation can have the prim as a member: a splat field, or a tree."""
+    return schema.is_splat_field(prim) or schema.is_tree(prim)
+
+
+def replaced_root(prim: Usd.Prim) -> str:
+    """Return the path of the LOD root that a tree stands for; "" if there is none."""
+    targets = prim.GetRelationship(tokens.LOD_ROOT).GetForwardedTargets()
+    return str(targets[0]) if targets and prim.GetStage().GetPrimAtPath(targets[0]) else ""
+
+
+def author_replacement(part: SampleLayer, path: str, mode: str, root: str) -> None:
+    """Write what draws a field in place of the tree at `path`, besides its type and arrays: how it
+    is rasterized, and that its LOD root is invisible.
+
+    Args:
+        part: Layer with the field.
+        path: Path of the tree.
+        mode: Rasterize mode of the field.
+        root: Path of the LOD root that the tree stands for, or "".
+    """
+    kind = Sdf.ValueTypeNames.Token
+    part.attribute(path, tokens.RASTERIZE_MODE, kind, uniform=True).default = mode
+    if root:
+        visibility = part.attribute(root, UsdGeom.Tokens.visibility, kind)
+        visibility.default = UsdGeom.Tokens.invisible
