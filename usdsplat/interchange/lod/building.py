@@ -50,6 +50,7 @@ from usdsplat.interchange.placement import (
 )
 from usdsplat.interchange.provenance import Provenance, fingerprint, joined_bounds, record
 from usdsplat.kernels.devices import open_device
+from usdsplat.render.specs import RasterizeMode
 from usdsplat.schema import DrawingHints
 from usdsplat.schema.packing import harmonics_width
 from usdsplat.schema.stage_values import up_axis
@@ -187,6 +188,7 @@ class _Job:
             folder=folder.chunks,
             degree=meeting.degree,
             pixel=meeting.pixel,
+            captured_mode=self._rasterize_mode,
             device=device,
         )
         table = replace(table, errors=meter.errors(progress))
@@ -221,7 +223,7 @@ class _Job:
         )
 
     @property
-    def _rasterize_mode(self) -> str:
+    def _rasterize_mode(self) -> RasterizeMode:
         return "antialiased" if self.meeting.antialiased else "classic"
 
     def _authored(
