@@ -52,6 +52,7 @@ from usdsplat.interchange.placement import (
 )
 from usdsplat.interchange.provenance import Provenance, fingerprint, joined_bounds, record
 from usdsplat.kernels.devices import open_device
+from usdsplat.render.specs import RasterizeMode
 from usdsplat.schema import DrawingHints
 from usdsplat.schema.lod_root_authoring import name_lod_root
 from usdsplat.schema.packing import harmonics_width
@@ -191,6 +192,7 @@ class _Job:
             folder=folder.chunks,
             degree=meeting.degree,
             pixel=meeting.pixel,
+            captured_mode=self._rasterize_mode,
             device=device,
         )
         table = replace(table, errors=meter.errors(progress))
@@ -237,7 +239,7 @@ class _Job:
         )
 
     @property
-    def _rasterize_mode(self) -> str:
+    def _rasterize_mode(self) -> RasterizeMode:
         return "antialiased" if self.meeting.antialiased else "classic"
 
     def _authored(

@@ -1,14 +1,14 @@
 """Measure the errors of a few nodes on their pictures, and estimate those of the others.
 
-The error of a node is the size of a pixel at which the picture of its proxies is good, compared
-with that of the leaves below it; see `pictures`. It is measured for a few nodes of each of the
-lowest levels. For the others it is proportional to the typical size of their proxies, by the factor
-of the measured nodes of the same level, or else of the highest measured level.
+The error of a node is the size of a pixel at which the picture of its proxies is as good as that of
+its children; see `pictures`. It is measured for a few nodes of each of the lowest levels. For the
+others it is proportional to the typical size of their proxies, by the factor of the measured nodes
+of the same level, or else of the highest measured level.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -17,7 +17,7 @@ import numpy as np
 
 from usdsplat.core.cloud import F32, F64, I32, I64, SplatCloud
 from usdsplat.core.node_cuts import heights
-from usdsplat.core.node_table import NodeTable
+from usdsplat.core.node_table import NESTED, NodeTable
 from usdsplat.core.progress import Progress
 from usdsplat.interchange.lod import chunks, levels
 from usdsplat.interchange.lod.chunks import chunk_name, joined, read_chunk
@@ -25,6 +25,7 @@ from usdsplat.interchange.lod.pictures import Comparison, Pair
 from usdsplat.interchange.lod.sources import splat_bytes
 from usdsplat.interchange.lod.tables import nested
 from usdsplat.kernels.device import Device
+from usdsplat.render.specs import RasterizeMode
 
 _Load = Callable[[int], SplatCloud]
 MEASURED = (4, 2, 1)
@@ -45,15 +46,27 @@ class ErrorMeter:
     degree: int
     """Degree of the harmonics."""
     pixel: float
-    """Size of the pixel of the baked low-pass [unit]; 0 for none."""
+    """Size of the pixel of the baked low-pass [unit]; 0 for none. From closer, leaves are right."""
+    captured_mode: RasterizeMode
+    """How pictures draw splats of the capture."""
     device: Device
 
     def errors(self, progress: Progress) -> F32:
         """Return the errors of all nodes [unit], 0 for leaves, shape (n,)."""
         above = heights(self.table)
         factors = self._factors(above, progress)
+        return nested(self._estimated(above, factors), self.table)
+
+    def _estimated(self, above: I32, factors: F64) -> F64:
+        """Return errors [unit] by height and size, not nested, 0 for leaves; from closer than the
+        pixel of the low-pass, leaves are right.
+
+        Args:
+            above: Heights of the nodes.
+            factors: Errors relative to sizes for the height 1, 2, ..., the last one also above.
+        """
         height = np.clip(above - 1, 0, len(factors) - 1)
-        return nested(np.where(above > 0, factors[height] * self.sizes, 0.0), self.table)
+        return np.where(above > 0, np.maximum(factors[height] * self.sizes, self.pixel), 0.0)
 
     def _factors(self, above: I32, progress: Progress) -> F64:
         """Return errors relative to typical sizes for nodes of the height 1, 2, ..."""
@@ -68,12 +81,34 @@ class ErrorMeter:
         found: list[list[float]] = [[] for _ in MEASURED]
         for done, (height, node) in enumerate(asked):
             progress.step("measuring errors", done, len(asked))
-            pair = Pair(node=self._splats(node, load), leaves=self._leaves(node, load))
-            error = comparison.error(pair, self.sizes[node])
+            least = self.pixel
+            if lower := [_mean(each) for each in found[: height - 1] if each]:
+                first, count = self.table.first_child[node], self.table.child_count[node]
+                errors = self._estimated(above, np.array(lower))[first : first + count]
+                least = max(least, NESTED * float(errors.max()))
+            error = comparison.error(self._pair(node, load), self.sizes[node], least)
             found[height - 1].append(error / self.sizes[node])
         progress.step("measuring errors", len(asked), len(asked))
-        means = [float(np.exp(np.mean(np.log(each)))) for each in found if each]
-        return np.array(means or [1.0])
+        return np.array([_mean(each) for each in found if each] or [1.0])
+
+    def _pair(self, node: int, load: _Load) -> Pair:
+        """Return what is drawn of a node, of its children, and of the leaves below."""
+        table, own = self.table, self._splats(node, load)
+        captured = [chunks.rows(own, int(table.proxies[node]), len(own))]
+        proxies = [chunks.rows(own, 0, 0)]
+        first = int(table.first_child[node])
+        for child in range(first, first + int(table.child_count[node])):
+            splats = self._splats(child, load)
+            here = int(table.proxies[child]) if table.child_count[child] else 0
+            proxies.append(chunks.rows(splats, 0, here))
+            captured.append(chunks.rows(splats, here, len(splats)))
+        return Pair(
+            node=own,
+            proxies=joined(proxies),
+            captured=joined(captured),
+            captured_mode=self.captured_mode,
+            leaves=self._leaves(node, load),
+        )
 
     def _leaves(self, node: int, load: _Load) -> SplatCloud:
         """Return what is drawn of a node if all below it is refined, with the baked low-pass."""
@@ -108,6 +143,11 @@ def splats_below(table: NodeTable) -> I64:
     for node in range(len(table) - 1, 0, -1):
         found[parents[node]] += found[node]
     return found
+
+
+def _mean(errors: Sequence[float]) -> float:
+    """Return the geometric mean."""
+    return float(np.exp(np.mean(np.log(errors))))
 
 
 def _spread(nodes: I64, most: int) -> list[int]:
