@@ -8,9 +8,11 @@ of at most `--leaf` splats, whose splats are computed when they are read. Its in
 side, and the camera flies over them: it stands still, moves slowly, or moves fast. The first
 picture reads and uploads; "static" ones follow with the same camera.
 
-Rows are medians per picture [ms] of the whole picture, of the choice of the cut, of reading nodes,
-of laying them out, of the fused picture, and of the copies to the GPU with their size [KiB].
-"resident" is the median of the GPU's own time over pictures of the last camera [ms].
+Rows are medians per picture [ms]: the whole picture; choosing the cut and reading it, which are
+parts of "nodes"; laying the nodes out; and the fused picture, with its parts: the plan, which
+includes the copies of new nodes to the GPU, of so many KiB, and the launches. The last column is
+the slowest picture. "resident" is the median of the GPU's own time over pictures of the last
+camera [ms].
 """
 
 from __future__ import annotations
@@ -19,7 +21,7 @@ import argparse
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -29,6 +31,8 @@ from benchmarks.report import Report
 from usdsplat.core.cloud import SplatCloud
 from usdsplat.core.node_table import NODE_SPLATS, NodeTable
 from usdsplat.core.sh import rgb_to_dc
+from usdsplat.kernels.cuda.frame.picture import FramePicture
+from usdsplat.kernels.cuda.frame.pool import NodePool
 from usdsplat.kernels.devices import open_device
 from usdsplat.render import cuda as cuda_pictures
 from usdsplat.render.lod import nodes
@@ -141,33 +145,33 @@ def view_from(way: float, size: tuple[int, int]) -> View:
 
 
 class Stages:
-    """Time of some functions [s], added up by label, and bytes that are copied to the GPU."""
+    """Time of some functions [s], added up by label, and bytes of nodes that are copied to the
+    GPU."""
 
-    def __init__(self, device: Any) -> None:
+    def __init__(self) -> None:
         self.spent: Counter[str] = Counter()
-        self._inside = False
         self._wrap(nodes, "choose", "choose")
         self._wrap(nodes.PictureNodes, "_read", "read")
         self._wrap(nodes.PictureNodes, "__init__", "nodes")
         self._wrap(nodes.PictureNodes, "layout", "layout")
         self._wrap(cuda_pictures.ColorPicture, "draw", "draw")
-        for name in ("_in", "_arrive"):
-            if hasattr(device, name):
-                self._wrap(device, name, "copies", counts=True)
+        self._wrap(cuda_pictures.ColorPicture, "_planned", "plan")
+        self._wrap(NodePool, "_send", "copies", size=_size_of)
+        self._wrap(FramePicture, "_finish", "launch")
+        self._wrap(FramePicture, "_begin", "launch")
 
-    def _wrap(self, owner: Any, name: str, label: str, *, counts: bool = False) -> None:
+    def _wrap(
+        self, owner: Any, name: str, label: str, *, size: Callable[..., int] | None = None
+    ) -> None:
         function: Callable[..., Any] = getattr(owner, name)
 
         def timed(*args: Any, **options: Any) -> Any:
-            begin, outer = time.perf_counter(), not (counts and self._inside)
-            self._inside = self._inside or counts
+            begin = time.perf_counter()
             try:
                 return function(*args, **options)
             finally:
-                if outer:
-                    self.spent[label] += time.perf_counter() - begin
-                    self.spent["bytes"] += int(args[0].nbytes) if counts else 0
-                self._inside = self._inside and not (outer and counts)
+                self.spent[label] += time.perf_counter() - begin
+                self.spent["bytes"] += size(*args) if size else 0
 
         setattr(owner, name, timed)
 
@@ -175,6 +179,10 @@ class Stages:
         """Return what was added up since the last call."""
         found, self.spent = dict(self.spent), Counter()
         return found
+
+
+def _size_of(pool: NodePool, clouds: object, pages: Sequence[int]) -> int:
+    return pool.page_bytes * len(pages)
 
 
 def resident_ms(device: Any, draw: Callable[[], Any], runs: int) -> float:
@@ -212,7 +220,7 @@ def main(report: Report) -> None:
         tree_of(options.tree) if options.tree else Ground(int(options.splats), options.leaf).spec()
     )
     scene, device = placed(spec, options.instances), open_device(options.device)
-    renderer, stages = Renderer(device), Stages(device)
+    renderer, stages = Renderer(device), Stages()
     settings = RenderSettings(
         sorting="zDepth",
         color_mode="display",
@@ -221,7 +229,7 @@ def main(report: Report) -> None:
         node_lifetime=1e6,
     )
     table = Table(title=f"{spec.captured:,} splats, {options.instances} instances, ms per picture")
-    columns = ("whole", "choose", "read", "nodes", "layout", "draw", "copies")
+    columns = ("whole", "choose", "read", "nodes", "layout", "draw", "plan", "copies", "launch")
     for name in ("move", "splats", "visible", "groups", *columns, "KiB", "worst"):
         table.add_column(name, justify="right")
     way = 0.0
