@@ -11,7 +11,7 @@ CAPTURE ?=
 OUT ?= demo
 BENCHMARKS := commands frame passes renderers scaling memory author formats converters decimation \
 	convert_memory deep colour simulation simulated_frame bakes preview_ui
-GPU_BENCHMARKS := commands cuda_frame simulation_cuda cuda_scaling
+GPU_BENCHMARKS := commands cuda_frame simulation_cuda cuda_scaling lod_cuda
 
 CAPABILITIES := 8.0,9.0
 

@@ -25,7 +25,8 @@ from benchmarks.cuda_scenes import NEAR, Scene, captured, group_of, tiled
 from benchmarks.report import Report
 from benchmarks.scenes import CAPTURES, SHARED
 from usdsplat.kernels.cuda.device import CudaDevice
-from usdsplat.kernels.cuda.frame.picture import FrameGroup, FramePicture, FrameView
+from usdsplat.kernels.cuda.frame.groups import FrameGroup, FrameView
+from usdsplat.kernels.cuda.frame.picture import FramePicture
 
 SIZES = ((1920, 1080), (3840, 2160))
 RUNS = 20

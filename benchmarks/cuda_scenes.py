@@ -12,7 +12,7 @@ from usdsplat import formats
 from usdsplat.core.cloud import F64, SplatCloud
 from usdsplat.kernels.bins import grid_of
 from usdsplat.kernels.cuda.device import CudaDevice
-from usdsplat.kernels.cuda.frame.picture import FrameGroup, FrameView
+from usdsplat.kernels.cuda.frame.groups import FrameGroup, FrameView
 from usdsplat.kernels.device import CpuDevice
 from usdsplat.kernels.project import CAMERA, LOW_PASS
 from usdsplat.render import spatial_order

@@ -9,13 +9,17 @@ import numpy as np
 
 from tests.render.everything import CASES, Case, drawn, scene_of, view_on
 from tests.render.rendering import settings_of
+from usdsplat.kernels.cuda.frame.pool import NodePool
 from usdsplat.kernels.device import Device
 from usdsplat.render.cuda import ColorPicture
 from usdsplat.render.renderer import Renderer
 from usdsplat.render.specs import PackedSpec
 from usdsplat.schema import packing
 
-FUSED = ("splats alone", "distance", "tangential", "budget", "linear", "inverse view", "samples")
+FUSED = (
+    "splats alone", "distance", "tangential", "budget", "linear", "inverse view", "samples",
+    "tree in colour", "tree and samples",
+)  # fmt: skip
 OTHERWISE = ("crops", "rays", "matte splats", "points")
 """Cases that take the general path even where colour is all."""
 
@@ -73,3 +77,35 @@ def check_packed(gpu: Device, size: tuple[int, int], splats: int) -> None:
         pictures.append(np.concatenate([band.arrays["color"].copy() for band in bands]))
     np.testing.assert_allclose(*pictures, atol=1e-3)
     assert (pictures[0] != pictures[1]).any()  # they were not read from the same arrays
+
+
+def check_only_new_nodes_are_sent(gpu: Device, cpu: Device, monkeypatch: Any, close: float) -> None:
+    """Cuts of a tree that follow each other: each node goes to the device once, and each picture is
+    that of the CPU."""
+    sent: list[int] = []
+    send = NodePool._send
+
+    def noted(self: NodePool, clouds: Any, pages: Any) -> None:
+        sent.extend(id(each) for each in clouds)
+        send(self, clouds, pages)
+
+    monkeypatch.setattr(NodePool, "_send", noted)
+    case = bare("tree in colour")
+    scene, view = scene_of(case, 8), view_on(case, (20, 18))
+    renderers = Renderer(gpu), Renderer(cpu)
+    known: set[int] = set()
+    for error, count, is_new in ((1e3, 1, True), (1.0, 2, True), (1.0, 2, False), (0.0, 1, False)):
+        settings = settings_of(lod_error=error, lod_samples=count)
+        sent.clear()
+        ours, theirs = (
+            np.concatenate([band.arrays["color"].copy() for band in bands])
+            for bands in (each.render(scene, view, settings, ("color",)) for each in renderers)
+        )
+        fields = [each for _, tree in scene.drawn_trees() for each in tree.fields.values()]
+        drawn = {id(each.spec.cloud) for each in fields}
+        assert sorted(sent) == sorted(drawn - known)
+        assert bool(sent) == is_new
+        known |= drawn
+        assert (abs(ours.astype(np.float64) - theirs).max(axis=-1) > close).mean() < 0.004
+        assert (theirs[..., 3] > 0.1).any()
+    renderers[0].close()

@@ -39,6 +39,11 @@ def test_packed_fields_are_drawn_as_they_are(cuda: Device) -> None:
     color_pictures.check_packed(cuda, SIZE, SPLATS)
 
 
+def test_only_new_nodes_are_sent(cuda: Device, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Oracle: the nodes that are drawn, without those that were drawn before; and the CPU."""
+    color_pictures.check_only_new_nodes_are_sent(cuda, CpuDevice(), monkeypatch, 1e-3)
+
+
 def test_two_pictures_on_one_gpu_are_the_same(cuda: Device) -> None:
     """Oracle: the same device, bit for bit."""
     case = color_pictures.bare("splats alone")

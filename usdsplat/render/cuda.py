@@ -4,18 +4,23 @@ launches."""
 from __future__ import annotations
 
 import weakref
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from usdsplat.core.cloud import I32
+from usdsplat.core.cloud import I32, SplatCloud
 from usdsplat.kernels.bins import grid_of
 from usdsplat.kernels.cuda.device import CudaDevice
-from usdsplat.kernels.cuda.frame.picture import FrameGroup, FramePicture, FrameView
+from usdsplat.kernels.cuda.frame.groups import NO_PARTS, FrameGroup, FrameNodes, FrameView
+from usdsplat.kernels.cuda.frame.picture import FramePicture
+from usdsplat.kernels.cuda.frame.pool import NodePool
 from usdsplat.render.cpu import CpuRasterizer
-from usdsplat.render.draw_list import Group
+from usdsplat.render.cuda_nodes import NodeRun, planned
+from usdsplat.render.draw_list import DrawList, Group
 from usdsplat.render.frame_buffers import FrameBuffers
 from usdsplat.render.frame_stats import FrameStats
+from usdsplat.render.lod.cache import MIB
 from usdsplat.render.matte import is_matte
 from usdsplat.render.projector import Projector
 from usdsplat.render.rasterizer import WholeImage
@@ -48,25 +53,47 @@ class CudaRasterizer(CpuRasterizer):
 
 
 class ColorPicture:
-    """Fused path for colour alone, one picture at a time. It keeps its buffers."""
+    """Fused path for colour alone, one picture at a time. It keeps its buffers.
+
+    Nodes of splat trees are drawn from a memory of their own, in one launch for all consecutive
+    ones that are alike.
+    """
 
     def __init__(self, device: CudaDevice) -> None:
         self._device, self._picture = device, FramePicture(device)
         self._words = _Words()
+        self._pools: dict[int, NodePool] = {}
+        """Number of coefficients of the harmonics -> nodes."""
+        self._plan: tuple[weakref.ref[Any] | None, list[int | NodeRun]] = None, []
 
     def draw(self, projector: Projector, stats: FrameStats) -> WholeImage | None:
         """Draw all splats of a view. Return None if they touch too many tiles; a band touches
         fewer."""
         layout, window = projector.layout, projector.window
-        numbers = [projector.conversion(group) for group in layout.groups]
+        plan = self._planned(layout, projector.settings.node_memory * MIB)
+        heads = [layout.groups[each.head if isinstance(each, NodeRun) else each] for each in plan]
+        groups: list[FrameGroup | FrameNodes] = []
+        matrices, sights, parts = [], [], []
+        for each, head in zip(plan, heads, strict=True):
+            degree = projector.degree(head)
+            if isinstance(each, NodeRun):
+                groups.append(each.frame_nodes(self._pools[each.coefficients].arrays, degree))
+                matrices.append(projector.to_camera(each.placements))
+                sights.append(projector.sights(each.placements))
+                parts.append(each.drawn(layout.hidden))
+            else:
+                groups.append(self._group(head, degree))
+                matrices.append(projector.matrices(head))
+                sights.append(projector.sights(head.placements))
+        numbers = [projector.conversion(head) for head in heads]
         view = FrameView(
-            cameras=np.concatenate([projector.record(group) for group in layout.groups]),
-            matrices=np.concatenate([projector.matrices(group) for group in layout.groups]),
-            sights=np.concatenate([projector.sights(group) for group in layout.groups]),
+            cameras=np.concatenate([projector.record(head) for head in heads]),
+            matrices=np.concatenate(matrices),
+            sights=np.concatenate(sights),
             conversions=np.array([[*of, converts] for of, converts in numbers], np.float32),
             grid=grid_of(*window),
+            parts=np.concatenate(parts) if parts else NO_PARTS,
         )
-        groups = [self._group(group, projector.degree(group)) for group in layout.groups]
         image = self._picture.draw(groups, view)
         if image is None:
             return None
@@ -75,7 +102,29 @@ class ColorPicture:
         stats.pairs += self._picture.pairs
         return WholeImage(image, window[1], layout)
 
-    def _group(self, group: Group, degree: int) -> Any:
+    def _planned(self, layout: DrawList, limit: int) -> list[int | NodeRun]:
+        """Return what a picture draws, see `planned`; its nodes are then on the device.
+
+        The samples of a picture share the plan. It holds no splats of the host, which may drop them
+        between pictures.
+        """
+        reference, plan = self._plan
+        if reference is None or reference() is not layout.placed:
+            self._plan = None, []  # its nodes may leave
+
+            def pages_of(coefficients: int, clouds: Sequence[SplatCloud]) -> list[I32]:
+                # a pool that fails, for lack of memory, is dropped
+                pool = self._pools.pop(coefficients, None) or NodePool(self._device, coefficients)
+                pages = pool.pages_of(clouds, limit)
+                self._pools[coefficients] = pool
+                return pages
+
+            before = [each for each in plan if isinstance(each, NodeRun)]
+            plan = planned(layout, pages_of, before)
+            self._plan = weakref.ref(layout.placed), plan
+        return plan
+
+    def _group(self, group: Group, degree: int) -> FrameGroup:
         keep, cloud = self._device.keep, group.cloud
         laid = group.field.spatial_order.of(self._device, cloud)
         packed = group.field.spec.packed if group.rows is None else None
@@ -89,7 +138,7 @@ class ColorPicture:
             splats=tuple(keep(array) for array in (*arrays, laid.rows)),
             is_packed=packed is not None,
             boxes=keep(laid.boxes),
-            instances=len(group.transforms),
+            instances=group.instances,
             degree=degree,
         )
 

@@ -6,7 +6,6 @@ is drawn in one launch.
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
@@ -16,7 +15,28 @@ import numpy.typing as npt
 from usdsplat.core.cloud import F64, I32, I64, SplatCloud
 from usdsplat.kernels import project
 from usdsplat.render.fields import Drawn, Field
+from usdsplat.render.specs import InstanceSpec
 from usdsplat.render.splat_budget import SplatSubset, shares
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Placements:
+    """Transforms of m instances."""
+
+    transforms: F64
+    """Local to world, shape (m, 4, 4)."""
+    turns: F64
+    """Orthogonal factors Q of the transforms' 3x3 parts, reflections included, shape (m, 3, 3)."""
+    stretches: F64
+    """Symmetric factors P, shape (m, 3, 3): the transforms' 3x3 parts are Q P."""
+
+    def __len__(self) -> int:
+        """Return the number of instances."""
+        return len(self.transforms)
+
+    def __getitem__(self, rows: slice | I64) -> Placements:
+        """Return some of the instances."""
+        return Placements(self.transforms[rows], self.turns[rows], self.stretches[rows])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -28,25 +48,38 @@ class Group:
     """The field's splats, or the subset that a budget selects."""
     rows: I32 | None
     """Rows of the subset in the field's arrays; None without a subset."""
-    transforms: F64
-    """Local to world, shape (m, 4, 4)."""
-    turns: F64
-    """Orthogonal factors Q of the transforms' 3x3 parts, reflections included, shape (m, 3, 3)."""
-    stretches: F64
-    """Symmetric factors P, shape (m, 3, 3): the transforms' 3x3 parts are Q P."""
+    distinct: Placements
+    """The distinct instances of the draw list."""
+    placed: I64
+    """Row in `distinct` of each instance, shape (m,)."""
+    first: int
+    """First appearance of the group."""
     block: int
     """Slots per block."""
     blocks: int
     """Blocks per instance."""
     slot: int
     """First slot of the group."""
-    hidden: npt.NDArray[np.bool_] | None = None
-    """Whether each instance is hidden, shape (m,); None if none is."""
+
+    @property
+    def instances(self) -> int:
+        """Number of instances."""
+        return len(self.placed)
+
+    @property
+    def placements(self) -> Placements:
+        """The instances."""
+        return self.distinct[self.placed]
+
+    @property
+    def appearances(self) -> slice:
+        """Rows of the group in arrays of all appearances."""
+        return slice(self.first, self.first + self.instances)
 
     @property
     def all_blocks(self) -> int:
         """Blocks of all instances."""
-        return len(self.transforms) * self.blocks
+        return self.instances * self.blocks
 
     @property
     def slots(self) -> int:
@@ -59,6 +92,12 @@ class DrawList:
     """All groups, and the slots of each appearance."""
 
     groups: tuple[Group, ...]
+    placements: Placements
+    """The distinct instances."""
+    placed: I64
+    """Row of each appearance in `placements`, shape (n,)."""
+    sizes: I64
+    """Number of splats of each appearance, shape (n,)."""
     first_slots: I64
     """First slot of each appearance, ascending, shape (n,)."""
     labels: npt.NDArray[np.int32]
@@ -74,6 +113,8 @@ class DrawList:
     """Number of drawn splats; each instance counts."""
     total: int
     """Number of splats that would be drawn without a budget."""
+    hidden: npt.NDArray[np.bool_] | None = None
+    """Whether each appearance is hidden, shape (n,); None if none is."""
 
     @property
     def slots(self) -> int:
@@ -81,17 +122,11 @@ class DrawList:
         return self.groups[-1].slot + self.groups[-1].slots if self.groups else 0
 
     def hiding(self, appearances: npt.NDArray[np.bool_]) -> DrawList:
-        """Return the same layout with some of the appearances hidden."""
+        """Return the same layout, none of whose appearances is hidden, with some of them hidden."""
         if not appearances.any():
             return self
-        groups, begin, hidden = [], 0, 0
-        for group in self.groups:
-            end = begin + len(group.transforms)
-            some = appearances[begin:end]
-            groups.append(replace(group, hidden=some) if some.any() else group)
-            hidden += int(some.sum()) * len(group.cloud)
-            begin = end
-        return replace(self, groups=tuple(groups), splats=self.splats - hidden)
+        splats = self.splats - int(self.sizes[appearances].sum())
+        return replace(self, hidden=appearances, splats=splats)
 
 
 def draw_list(drawn: Sequence[Drawn], others: Iterable[str] = (), *, budget: int = 0) -> DrawList:
@@ -102,64 +137,120 @@ def draw_list(drawn: Sequence[Drawn], others: Iterable[str] = (), *, budget: int
         others: Paths of the drawn prims that are not splats.
         budget: Maximum number of splats; each instance counts. 0 for all.
     """
-    parts = _parts(drawn, budget)
-    groups: list[Group] = []
-    labels: list[tuple[int, int]] = []
-    first_slots: list[I64] = []
-    paths = sorted({*others, *(instance.path for _, _, instance in drawn)})
-    prims = {path: number for number, path in enumerate(paths)}
-    slot, begin = 0, 0
-    for i, (_, field, instance) in enumerate(drawn):
-        labels.append((prims[instance.path], instance.index))
-        if i + 1 == len(drawn) or drawn[i + 1][1] is not field:
-            transforms = np.array([each[2].transform for each in drawn[begin : i + 1]])
-            groups.append(_group(field, parts.get(id(field)), transforms.reshape(-1, 4, 4), slot))
-            span = groups[-1].blocks * groups[-1].block
-            first_slots.append(slot + span * np.arange(i + 1 - begin, dtype=np.int64))
-            slot += groups[-1].slots
-            begin = i + 1
-    most = int(np.iinfo(np.int32).max)
-    elements = [field.first_element & most for _, field, _ in drawn]
-    starts = [g.slot + g.block * np.arange(g.all_blocks, dtype=np.int64) for g in groups]
-    nothing = np.empty(0, np.int64)
-    return DrawList(
-        groups=tuple(groups),
-        first_slots=np.concatenate([*first_slots, nothing]),
-        labels=np.array(labels, np.int32).reshape(-1, 2),
-        block_starts=np.concatenate([*starts, nothing]),
-        prims=tuple(prims),
-        first_elements=np.array(elements if any(elements) else [], np.int32),
-        splats=sum(len(g.transforms) * len(g.cloud) for g in groups),
-        total=sum(len(g.transforms) * len(g.field.spec.cloud) for g in groups),
+    numbers: dict[int, int] = {}
+    instances: list[InstanceSpec] = []
+    for _, _, each in drawn:
+        if numbers.setdefault(id(each), len(instances)) == len(instances):
+            instances.append(each)
+    return laid_out(
+        [field for _, field, _ in drawn],
+        np.ones(len(drawn), np.int64),
+        instances,
+        np.array([numbers[id(each)] for _, _, each in drawn], np.int64),
+        others,
+        budget=budget,
     )
 
 
-def _parts(drawn: Sequence[Drawn], budget: int) -> dict[int, SplatSubset]:
+def laid_out(
+    fields: Sequence[Field],
+    counts: I64,
+    instances: Sequence[InstanceSpec],
+    placed: I64,
+    others: Iterable[str] = (),
+    *,
+    budget: int = 0,
+) -> DrawList:
+    """Lay out appearances of splats, see `draw_list`.
+
+    Args:
+        fields: The field of each run of appearances.
+        counts: Number of appearances of each run.
+        instances: The distinct instances.
+        placed: Row in `instances` of each appearance, shape (n,).
+        others, budget: See `draw_list`.
+    """
+    fields, counts = _joined(fields, counts)
+    parts = _parts(fields, counts, budget)
+    transforms = np.array([each.transform for each in instances]).reshape(-1, 4, 4)
+    u, s, vt = np.linalg.svd(transforms[:, :3, :3])
+    placements = Placements(transforms, u @ vt, vt.transpose(0, 2, 1) @ (s[:, :, None] * vt))
+    groups: list[Group] = []
+    first, slot = 0, 0
+    for field, count in zip(fields, counts.tolist(), strict=True):
+        part = parts.get(id(field))
+        cloud = field.spec.cloud if part is None else part.cloud
+        block = max(1, min(len(cloud), project.BLOCK))
+        groups.append(
+            Group(
+                field=field,
+                cloud=cloud,
+                rows=None if part is None else part.rows,
+                distinct=placements,
+                placed=placed[first : first + count],
+                first=first,
+                block=block,
+                blocks=-(-len(cloud) // block),
+                slot=slot,
+            )
+        )
+        first, slot = first + count, slot + groups[-1].slots
+    paths = sorted({*others, *(each.path for each in instances)})
+    prims = {path: number for number, path in enumerate(paths)}
+    labels = [(prims[each.path], each.index) for each in instances]
+    sizes = np.array([len(each.cloud) for each in groups], np.int64)
+    shapes = [(each.block, each.blocks, each.slot) for each in groups]
+    sides, blocks, slots = np.array(shapes, np.int64).reshape(-1, 3).T
+    most = int(np.iinfo(np.int32).max)
+    elements = np.array([field.first_element & most for field in fields], np.int32)
+    return DrawList(
+        groups=tuple(groups),
+        placements=placements,
+        placed=placed,
+        sizes=np.repeat(sizes, counts),
+        first_slots=stepping(slots, sides * blocks, counts),
+        labels=np.array(labels, np.int32).reshape(-1, 2)[placed],
+        block_starts=stepping(slots, sides, counts * blocks),
+        prims=tuple(prims),
+        first_elements=np.repeat(elements, counts) if elements.any() else elements[:0],
+        splats=int(counts @ sizes),
+        total=sum(
+            count * len(field.spec.cloud)
+            for field, count in zip(fields, counts.tolist(), strict=True)
+        ),
+    )
+
+
+def _joined(fields: Sequence[Field], counts: I64) -> tuple[list[Field], I64]:
+    """Join consecutive runs of one field."""
+    starts = [i for i, field in enumerate(fields) if i == 0 or field is not fields[i - 1]]
+    if len(starts) == len(fields):
+        return list(fields), counts
+    return [fields[i] for i in starts], np.add.reduceat(counts, starts)
+
+
+def stepping(starts: I64, steps: I64 | int, counts: I64) -> I64:
+    """Return, one after another, `counts` numbers from each start in steps."""
+    within = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
+    found: I64 = (
+        np.repeat(starts, counts) + np.repeat(np.broadcast_to(steps, counts.shape), counts) * within
+    )
+    return found
+
+
+def _parts(fields: Sequence[Field], counts: I64, budget: int) -> dict[int, SplatSubset]:
     """Return the subset of each field by its id; empty if all splats are drawn."""
-    fields = {id(field): field for _, field, _ in drawn if not field.is_node}
-    instances = Counter(id(field) for _, field, _ in drawn)
-    sizes = [(len(field.spec.cloud), instances[key]) for key, field in fields.items()]
-    if budget == 0 or sum(count * times for count, times in sizes) <= budget:
+    if budget == 0:
+        return {}
+    found: dict[int, tuple[Field, int]] = {}
+    for field, count in zip(fields, counts.tolist(), strict=True):
+        if not field.is_node:
+            found[id(field)] = field, found.get(id(field), (field, 0))[1] + count
+    sizes = [(len(field.spec.cloud), times) for field, times in found.values()]
+    if sum(count * times for count, times in sizes) <= budget:
         return {}
     kept = shares(sizes, budget)
     return {
-        key: field.subset(count) for (key, field), count in zip(fields.items(), kept, strict=True)
+        key: field.subset(count)
+        for (key, (field, _)), count in zip(found.items(), kept, strict=True)
     }
-
-
-def _group(field: Field, part: SplatSubset | None, transforms: F64, slot: int) -> Group:
-    cloud = field.spec.cloud if part is None else part.cloud
-    n = len(cloud)
-    block = max(1, min(n, project.BLOCK))
-    u, s, vt = np.linalg.svd(transforms[:, :3, :3])
-    return Group(
-        field=field,
-        cloud=cloud,
-        rows=None if part is None else part.rows,
-        transforms=transforms,
-        turns=u @ vt,
-        stretches=vt.transpose(0, 2, 1) @ (s[:, :, None] * vt),
-        block=block,
-        blocks=-(-n // block),
-        slot=slot,
-    )

@@ -368,7 +368,7 @@ def _probed(group: Group, screen: Screen, step: int) -> tuple[float, float, floa
     """Return the estimate of `_visible` for one group, from every `step`-th of its splats."""
     cloud = group.cloud
     part = slice(None, None, step)
-    matrices = screen.world_to_camera[:3] @ group.transforms
+    matrices = screen.world_to_camera[:3] @ group.placements.transforms
     points = cloud.positions[part].astype(np.float64)
     x, y, z = np.moveaxis(
         np.einsum("mij,nj->mni", matrices[:, :, :3], points) + matrices[:, None, :, 3], 2, 0

@@ -16,7 +16,7 @@ from usdsplat.kernels import blocks, feature, project, radiance, ray_hit, sort
 from usdsplat.kernels.device import Device
 from usdsplat.render.buffers import Memory
 from usdsplat.render.crop_volumes import volumes
-from usdsplat.render.draw_list import DrawList, Group
+from usdsplat.render.draw_list import DrawList, Group, Placements
 from usdsplat.render.frame_buffers import FrameBuffers
 from usdsplat.render.matte import is_matte
 from usdsplat.render.screen import Screen
@@ -219,7 +219,7 @@ class Projector:
         """
         if group.rows is not None:
             return None
-        arrays = self.matrices(group), self.record(group), group.transforms
+        arrays = self.matrices(group), self.record(group), group.placements.transforms
         field = group.field
         return first, field.shapes, field.crops, *(array.tobytes() for array in arrays)
 
@@ -243,10 +243,14 @@ class Projector:
 
     def matrices(self, group: Group) -> F64:
         """Return the local-to-camera matrices, shape (m, 3, 4)."""
-        found = np.asarray(self._screen.world_to_camera[:3] @ group.transforms)
-        if group.hidden is not None:
-            found[group.hidden, 2, 3] = BEHIND
+        found = self.to_camera(group.placements)
+        if self.layout.hidden is not None:
+            found[self.layout.hidden[group.appearances], 2, 3] = BEHIND
         return found
+
+    def to_camera(self, placements: Placements) -> F64:
+        """Return local-to-camera matrices, shape (m, 3, 4)."""
+        return np.asarray(self._screen.world_to_camera[:3] @ placements.transforms)
 
     def record(self, group: Group) -> npt.NDArray[Any]:
         """Return the CAMERA record of `project` for a group."""
@@ -271,7 +275,7 @@ class Projector:
         keep, run = self._device.keep, self._device.run
         laid = group.field.spatial_order.of(self._device, group.cloud)
         record, matrices = self.record(group), self.matrices(group)
-        shapes, crops = volumes(group.field.crops, group.transforms)
+        shapes, crops = volumes(group.field.crops, group.placements.transforms)
         closed = self._buffers.closed(len(matrices) * len(laid.boxes))
         if len(laid.boxes):
             run(blocks.cull, record, matrices, keep(laid.boxes), closed)
@@ -284,13 +288,18 @@ class Projector:
     def _colors(self, group: Group) -> Any:
         """Return everything that the colours of a group depend on besides its footprints."""
         numbers, _ = self.conversion(group)
-        return group.field.radiance, self.sights(group).tobytes(), self._degree, numbers.tobytes()
+        return (
+            group.field.radiance,
+            self.sights(group.placements).tobytes(),
+            self._degree,
+            numbers.tobytes(),
+        )
 
     def _radiance(self, group: Group, found: I32, paints: F32, column: int, degree: int) -> None:
         keep = self._device.keep
         numbers, converts = self.conversion(group)
         self._device.run(
-            radiance.radiance, self.sights(group), keep(group.cloud.positions),
+            radiance.radiance, self.sights(group.placements), keep(group.cloud.positions),
             keep(group.cloud.sh), min(degree, group.cloud.sh_degree), numbers,
             converts, group.block, group.slot, self._sources, found, paints, column,
         )  # fmt: skip
@@ -313,20 +322,20 @@ class Projector:
             group.slot, self._sources, found, self._records, self._features,
         )  # fmt: skip
 
-    def sights(self, group: Group) -> F64:
+    def sights(self, placements: Placements) -> F64:
         """Return affine maps from a splat's position to its view direction in local space.
 
         Shape (m, 3, 4). With A = Q P and Q orthogonal, reflections included, directions go back to
         local space by Qᵀ, and Qᵀ A = P applies to the positions. For an orthographic camera the
         direction is constant.
         """
-        screen, back = self._screen, group.turns.transpose(0, 2, 1)
+        screen, back = self._screen, placements.turns.transpose(0, 2, 1)
         sights = np.zeros((len(back), 3, 4))
         if screen.orthographic:
             sights[:, :, 3] = back @ screen.forward
         else:
-            sights[:, :, :3] = group.stretches
-            sights[:, :, 3:] = back @ (group.transforms[:, :3, 3:] - screen.eye[:, None])
+            sights[:, :, :3] = placements.stretches
+            sights[:, :, 3:] = back @ (placements.transforms[:, :3, 3:] - screen.eye[:, None])
         return sights
 
     def _name_rows(self, group: Group, sources: Any) -> None:

@@ -12,6 +12,7 @@ from usdsplat.core.extent import extent
 from usdsplat.render.cropping import inside
 from usdsplat.render.draw_list import DrawList, draw_list
 from usdsplat.render.fields import Box, Drawn, DrawnMesh, Field, Mesh
+from usdsplat.render.lod.appearances import Laid
 from usdsplat.render.lod.cache import NodeCache
 from usdsplat.render.lod.tree import Tree, TreeSpec
 from usdsplat.render.matte_groups import MatteGroups, matte_groups
@@ -110,6 +111,8 @@ class RenderScene:
         self._trees: dict[str, Tree] = {}
         self.node_cache = NodeCache()
         """Splats of the trees' nodes."""
+        self.laid: Laid | None = None
+        """Layout of the last picture with trees."""
         self._meshes: dict[str, Mesh] = {}
         self._lights: dict[str, LightSpec] = {}
         self._drawn: list[Drawn] | None = None
@@ -174,6 +177,7 @@ class RenderScene:
     def close(self) -> None:
         """Release all arrays."""
         self._forget_order()
+        self.laid = None
         self._fields.clear()
         self._trees.clear()
         self.node_cache.close()

@@ -12,7 +12,8 @@ from usdsplat.kernels import blocks, reference
 from usdsplat.kernels.bins import grid_of
 from usdsplat.kernels.cuda.device import CudaDevice
 from usdsplat.kernels.cuda.frame import picture
-from usdsplat.kernels.cuda.frame.picture import FrameGroup, FramePicture, FrameView
+from usdsplat.kernels.cuda.frame.groups import FrameGroup, FrameView
+from usdsplat.kernels.cuda.frame.picture import FramePicture
 from usdsplat.kernels.device import CpuDevice
 from usdsplat.kernels.project import BLOCK, CAMERA, LOW_PASS
 from usdsplat.schema import packing

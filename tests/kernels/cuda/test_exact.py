@@ -13,6 +13,7 @@ from . import paper
 
 EXACT = (
     "cuda.frame.project.see(load_floats)", "cuda.frame.project.see(load_packed)",
+    "cuda.frame.project.see(load_floats,nodes)", "cuda.frame.project.place(shade_floats,nodes)",
     "cuda.frame.project.place(shade_floats)", "cuda.frame.project.place(shade_packed)",
     "cuda.project._project", "radiance.radiance", "sim.bvh.find_closest", "sim.bvh.find_hits",
 )  # fmt: skip

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from tests.kernels.cuda import frames
+from tests.kernels.cuda import frames, pools
 from usdsplat.kernels.cuda.support import obstacle
 from usdsplat.kernels.device import Device
 from usdsplat.kernels.devices import open_device
@@ -53,6 +53,21 @@ def test_ties_of_depth_are_settled_by_rows(device) -> None:
     """Oracle: the picture of the same splats in the order of their rows, bit for bit."""
     frames.check_ties_are_settled(device, 900)
     frames.check_ties_are_settled(device, 5000, flat=True)
+
+
+def test_nodes_are_on_the_gpu_as_they_are(device) -> None:
+    """Oracle: the arrays of the host."""
+    pools.check_content(device, (300, 5, 70_000, 256, 1_100_000, 1), 2)
+
+
+def test_the_least_recently_used_nodes_make_room(device, monkeypatch) -> None:
+    """Oracle: the order of use, by hand."""
+    pools.check_room(device, monkeypatch)
+
+
+def test_nodes_are_drawn_as_fields_are(device) -> None:
+    """Oracle: the picture of each node as a field, bit for bit."""
+    pools.check_picture(device, 3000)
 
 
 def test_a_closed_device_has_freed_what_it_had() -> None:

@@ -20,8 +20,8 @@ def drawn_counts(scene, view, **settings):
     counts = Counter()
     for group in layout.groups:
         name = "/tree" if group.field.is_node else "/a"
-        hidden = 0 if group.hidden is None else int(group.hidden.sum())
-        counts[name] += len(group.cloud) * (len(group.transforms) - hidden)
+        hidden = 0 if layout.hidden is None else int(layout.hidden[group.appearances].sum())
+        counts[name] += len(group.cloud) * (group.instances - hidden)
     assert layout.splats == sum(counts.values())
     return dict(+counts)
 

@@ -2,21 +2,31 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Hashable, Iterator, Sequence
-from dataclasses import dataclass, replace
+import operator
+from collections.abc import Hashable, Sequence
+from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
 from usdsplat.core.cloud import SplatCloud
 from usdsplat.core.errors import UsdSplatError
+from usdsplat.core.node_table import NodeTable
 from usdsplat.render import sampling
-from usdsplat.render.draw_list import DrawList, draw_list
+from usdsplat.render.draw_list import DrawList, laid_out
 from usdsplat.render.fields import Drawn, Field
+from usdsplat.render.lod.appearances import (
+    Appearances,
+    Gatherer,
+    Laid,
+    Part,
+    Parts,
+)
 from usdsplat.render.lod.cache import MIB, NodeCache, Request, Result
-from usdsplat.render.lod.cut import Cut, choose
+from usdsplat.render.lod.cut import Cut, Reached, choose
 from usdsplat.render.lod.gathering import TimeSampler, gathered
+from usdsplat.render.lod.measure import Bools
 from usdsplat.render.lod.tree import TreeSpec
 from usdsplat.render.sampling import Sample
 from usdsplat.render.scene import RenderScene
@@ -25,22 +35,10 @@ from usdsplat.render.settings import RenderSettings
 from usdsplat.render.spatial_order import StorageOrder
 from usdsplat.render.specs import FieldSpec, View
 
-Part = tuple[int, bool]
-"""Node, and whether its proxies are meant; else its splats of the capture."""
-
-PROXIES = ":proxies"
-"""End of the name of proxies, which differs from that of the residents of the same node."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Appearance:
-    """A field, or a part of a node, in one instance."""
-
-    drawn: Drawn
-    least: float = -math.inf
-    """Samples draw it that refine nodes above this error [pixel], or a larger one,"""
-    most: float = math.inf
-    """but below this one."""
+Name = tuple[str, Part]
+"""Path of a tree, and a part of it."""
+Wanted = dict[Name, tuple[Hashable, Request]]
+"""Parts of nodes, with their keys in the cache and how to read them."""
 
 
 class PictureNodes:
@@ -61,15 +59,15 @@ class PictureNodes:
         self._fades = fades(settings)
         scene, screens, self._seen = gathered(sampler, plan, sampling.reach(settings))
         budget = settings.splat_budget
-        self._cut, self._fields = self._loaded(
-            scene.node_cache, screens, _tree_budget(scene, settings)
-        )
+        self._parts: list[tuple[Parts, Parts]] = []
+        """What any sample draws of each tree."""
+        self._cut, self._fields = self._loaded(scene, screens, _tree_budget(scene, settings))
         self._field_budget = max(1, budget - self._cut.splats) if budget else 0
         self._most = self._last_error(self._cut)
         tables = [each.spec.table for each in self._seen.values()]
         self.shows_inner = self._cut.shows_inner(tables, self._most)
         """Whether an inner node can be seen in any sample."""
-        self._last: tuple[list[Drawn], set[str], DrawList | None] = [], set(), None
+        self._last: tuple[list[Any], Appearances | None] = [], None
 
     @property
     def cut(self) -> Cut:
@@ -83,83 +81,71 @@ class PictureNodes:
         the order of their paths. Coarse levels follow. All samples have the same layout, so that
         work is shared between them; in each, the appearances that it does not draw are hidden.
         """
-        appearances, others = self._appearances(scene), scene.other_prims()
-        drawn = [each.drawn for each in appearances]
-        before, prims, found = self._last
-        if found is None or others != prims or not _is_same(drawn, before):
-            found = draw_list(drawn, others, budget=self._field_budget)
-            found = replace(found, total=scene.draw_list().total)
-            self._last = drawn, others, found
+        found = self._appearances(scene)
+        others, budget, last = scene.other_prims(), self._field_budget, scene.laid
+        if last is None or not last.is_of(found, others, budget):
+            layout = laid_out(
+                found.fields, found.counts, found.instances, found.placed, others, budget=budget
+            )
+            layout = replace(layout, total=scene.draw_list().total)
+            last = scene.laid = Laid(found, others, budget, layout)
         error = self._cut.error_at(fade)
-        limits = np.array([(each.least, each.most) for each in appearances]).reshape(-1, 2)
-        return found.hiding(~((limits[:, 0] <= error) & (error < limits[:, 1])))
+        return last.layout.hiding(~((found.least <= error) & (error < found.most)))
 
     def drawn(self, scene: RenderScene) -> list[Drawn]:
         """Return each appearance of splats, in the order of the layout."""
-        return [each.drawn for each in self._appearances(scene)]
+        return list(self._appearances(scene).drawn())
 
-    def _appearances(self, scene: RenderScene) -> list[_Appearance]:
+    def _appearances(self, scene: RenderScene) -> Appearances:
         """Return what any sample draws, in the order of the layout."""
-        found = [
-            ((each[2].path, each[2].index, each[0]), [_Appearance(each)]) for each in scene.drawn()
-        ]
-        inner: list[_Appearance] = []
-        present = dict(scene.drawn_trees())
-        for (path, seen), reached in zip(self._seen.items(), self._cut.trees, strict=True):
+        present, drawn = dict(scene.drawn_trees()), scene.drawn()
+        given: list[Any] = [drawn]
+        for tree in present.values():
+            given += tree.instances, tree.spec.grade, tree.crops
+        before, last = self._last
+        is_known = len(given) == len(before) and all(map(operator.is_, given, before))
+        if last is not None and is_known:
+            return last
+        found = Gatherer(drawn)
+        for (path, seen), parts in zip(self._seen.items(), self._parts, strict=True):
             if present.get(path) is not seen.tree:
                 continue
-            instances = {
-                row: each
-                for each in seen.tree.instances
-                if (row := seen.rows.get((each.path, each.index))) is not None
-            }
-            kept = reached.keeping(reached.seen)
-            captured: list[_Appearance] = []
-            for part, which in _parts(seen.spec, kept.nodes, kept.errors > self._most):
-                field = self._present((path, part))
-                if field is None:
-                    continue
-                for row in which.tolist():
-                    instance = instances.get(int(kept.instances[row]))
-                    if instance is not None:
-                        least = float(kept.errors[row]) if part[1] else -math.inf
-                        drawn = f"{path}:{part[0]}{PROXIES if part[1] else ''}", field, instance
-                        one = _Appearance(drawn, least, float(kept.above[row]))
-                        (inner if part[1] else captured).append(one)
-            if captured:
-                first = captured[0].drawn[2]
-                found.append(((first.path, first.index, path), captured))
-        found.sort(key=lambda each: each[0])
-        return [*(one for _, some in found for one in some), *inner]
+            self._refresh(path)
+            placed = {(each.path, each.index): each for each in seen.tree.instances}
+            instances = [placed.get(name) for name in seen.rows]
+            fields = self._fields[path]
+            for each in parts:
+                found.add_parts(path, each, instances, fields.get)
+        last = found.finish()
+        self._last = given, last
+        return last
 
     # --- private ---------------------------------------------------------------------------
 
-    def _present(self, name: tuple[str, Part]) -> Field | None:
-        """Return a part of a node with the grade and the crops that the tree has now: they may
-        change between samples. Unchanged ones stay the same object."""
-        found, tree = self._fields.get(name), self._seen[name[0]].tree
-        if found is None or (found.spec.grade == tree.spec.grade and found.crops == tree.crops):
-            return found
-        spec = replace(found.spec, grade=tree.spec.grade)
-        self._fields[name] = replace(found, spec=spec, crops=tree.crops)
-        return self._fields[name]
+    def _refresh(self, path: str) -> None:
+        """Give the fields of a tree the grade and the crops that it has now: they may change
+        between samples. Unchanged fields stay the same objects."""
+        tree, fields = self._seen[path].tree, self._fields[path]
+        for part, each in fields.items():
+            if each.spec.grade != tree.spec.grade or each.crops != tree.crops:
+                spec = replace(each.spec, grade=tree.spec.grade)
+                fields[part] = replace(each, spec=spec, crops=tree.crops)
 
     def _loaded(
-        self, cache: NodeCache, screens: Sequence[Screen], budget: int
-    ) -> tuple[Cut, dict[tuple[str, Part], Field]]:
+        self, scene: RenderScene, screens: Sequence[Screen], budget: int
+    ) -> tuple[Cut, dict[str, dict[Part, Field]]]:
         """Choose the cut and read it. If a node cannot be read, its parent is drawn in place of it
         and its siblings."""
         coarse: dict[str, set[int]] = {path: set() for path in self._seen}
         asked: set[Hashable] = set()
+        cache = scene.node_cache
         while True:
             views = [each.view(coarse[path]) for path, each in self._seen.items()]
             cut = choose(views, screens, error=self._settings.lod_error, budget=budget)
-            wanted = dict(self._wanted(cut))
-            for path, seen in self._seen.items():  # others must not keep what the cache drops
-                kept = {k: each for k, each in seen.tree.fields.items() if (path, k) in wanted}
-                seen.tree.fields = kept
+            wanted = self._wanted(cut)
+            self._release(scene, wanted)
             results = self._read(cache, wanted, waits=self._settings.node_wait)
-            asked.update(map(self._key, wanted))
+            asked.update(key for key, _ in wanted.values())
             missing = wanted.keys() - results.keys()
             needed = {name: wanted[name] for name in missing if not self._replace(name, coarse)}
             results |= self._read(cache, needed, waits=True)
@@ -171,46 +157,69 @@ class PictureNodes:
             if not self._give_up(failed) and len(missing) == len(needed):
                 break
         cache.cancel_others(asked)
-        fields = {
-            name: self._field(name, result)
-            for name, result in results.items()
-            if isinstance(result, SplatCloud) and len(result)
-        }
+        fields: dict[str, dict[Part, Field]] = {path: {} for path in self._seen}
+        for (path, part), result in results.items():
+            if isinstance(result, SplatCloud) and len(result):
+                fields[path][part] = self._field(path, part, result)
         return cut, fields
 
-    def _wanted(self, cut: Cut) -> Iterator[tuple[tuple[str, Part], Request]]:
-        """Yield the parts of nodes that any sample draws, and how to read them, those that replace
-        the largest errors first."""
-        urgent: dict[tuple[str, Part], float] = {}
-        for (path, seen), reached in zip(self._seen.items(), cut.trees, strict=True):
-            kept = reached.keeping(reached.seen)
-            refined = kept.errors > self._last_error(cut)  # the others are drawn in some sample
-            for part, rows in _parts(seen.spec, kept.nodes, refined):
-                urgent[path, part] = float(kept.above[rows].max())
-        for path, part in sorted(urgent, key=lambda name: (-urgent[name], name)):
-            seen = self._seen[path]
-            if part[0] in seen.tree.lost:
-                continue
-            spec = seen.spec
+    def _release(self, scene: RenderScene, wanted: Wanted) -> None:
+        """Release the fields of other nodes: they must not keep what the cache drops."""
+        for path, seen in self._seen.items():
+            fields = seen.tree.fields
+            seen.tree.fields = {
+                part: each for part, each in fields.items() if (path, part) in wanted
+            }
+        if scene.laid is not None:
+            kept = {id(each) for seen in self._seen.values() for each in seen.tree.fields.values()}
+            if any(each.is_node and id(each) not in kept for each in scene.laid.appearances.fields):
+                scene.laid = None
+
+    def _wanted(self, cut: Cut) -> Wanted:
+        """Return the parts of nodes that any sample draws, those that replace the largest errors
+        first, with their keys in the cache and how to read them."""
+        most = self._last_error(cut)
+        self._parts = [
+            _parts(seen.spec.table, reached.keeping(reached.seen), most)
+            for seen, reached in zip(self._seen.values(), cut.trees, strict=True)
+        ]
+        names: list[Name] = []
+        urgent = [np.empty(0)]
+        for path, both in zip(self._seen, self._parts, strict=True):
+            for parts in both:
+                names += [(path, (node, parts.is_inner)) for node in parts.nodes.tolist()]
+                urgent.append(parts.urgency)
+        ranked = np.argsort(-np.concatenate(urgent), kind="stable").tolist()
+        return {
+            names[rank]: self._request(names[rank])
+            for rank in ranked
+            if names[rank][1][0] not in self._seen[names[rank][0]].tree.lost
+        }
+
+    def _request(self, name: Name) -> tuple[Hashable, Request]:
+        """Return the key of a part of a node in the cache, and how to read it."""
+        path, part = name
+        tree, spec = self._seen[path].tree, self._seen[path].spec
+        found = tree.requests.get(part)
+        if found is None:
             first, count = _rows(spec, part)
             chunk = int(spec.table.chunk[part[0]])
             read = partial(spec.load, chunk, first, count)
-            yield (path, part), Request(read=read, size=count * spec.splat_bytes)
+            request = Request(read=read, size=count * spec.splat_bytes)
+            found = tree.requests[part] = (spec.chunks[chunk], first, count), request
+        return found
 
-    def _read(
-        self, cache: NodeCache, wanted: dict[tuple[str, Part], Request], *, waits: bool
-    ) -> dict[tuple[str, Part], Result]:
+    def _read(self, cache: NodeCache, wanted: Wanted, *, waits: bool) -> dict[Name, Result]:
         """Return the splats of parts of nodes, or why they cannot be read."""
-        keys = {name: self._key(name) for name in wanted}
         found = cache.get(
-            {keys[name]: request for name, request in wanted.items()},
+            dict(wanted.values()),
             limit=self._settings.node_memory * MIB,
             lifetime=self._settings.node_lifetime,
             waits=waits,
         )
-        return {name: found[key] for name, key in keys.items() if key in found}
+        return {name: found[key] for name, (key, _) in wanted.items() if key in found}
 
-    def _replace(self, name: tuple[str, Part], coarse: dict[str, set[int]]) -> bool:
+    def _replace(self, name: Name, coarse: dict[str, set[int]]) -> bool:
         """Draw the parent in place of a node that is not in memory; return False if there is none
         with proxies."""
         path, (node, _) = name
@@ -225,13 +234,7 @@ class PictureNodes:
         """Return the largest error [pixel] of an inner node that any sample draws."""
         return cut.error_at(1.0 if self._fades else 0.0)
 
-    def _key(self, name: tuple[str, Part]) -> Hashable:
-        """Return the key of a part of a node in the cache."""
-        path, part = name
-        spec = self._seen[path].spec
-        return spec.chunks[int(spec.table.chunk[part[0]])], *_rows(spec, part)
-
-    def _give_up(self, failed: dict[tuple[str, Part], UsdSplatError]) -> bool:
+    def _give_up(self, failed: dict[Name, UsdSplatError]) -> bool:
         """Close the parents of nodes that cannot be read. Return whether another cut is needed.
 
         A node without a parent that could be drawn is left out.
@@ -248,9 +251,8 @@ class PictureNodes:
             changed = True
         return changed
 
-    def _field(self, name: tuple[str, Part], cloud: SplatCloud) -> Field:
+    def _field(self, path: str, part: Part, cloud: SplatCloud) -> Field:
         """Return a part of a node as a field of the draw list."""
-        path, part = name
         tree, spec = self._seen[path].tree, self._seen[path].spec
         found = tree.fields.get(part)
         if found is None or found.spec.cloud is not cloud:
@@ -317,33 +319,33 @@ def _tree_budget(scene: RenderScene, settings: RenderSettings) -> int:
     return max(1, settings.splat_budget - scene.draw_list().splats)
 
 
-def _parts(
-    spec: TreeSpec, nodes: np.ndarray, refined: np.ndarray
-) -> Iterator[tuple[Part, np.ndarray]]:
-    """Yield the parts of nodes that are drawn, and the rows of `nodes` at which each is.
+def _parts(table: NodeTable, cut: Reached, most: float) -> tuple[Parts, Parts]:
+    """Return the parts of a cut that are drawn: those of the capture, and proxies.
 
     A leaf has one part, its splats and residents. An inner node has its residents, and its proxies
-    if it is not refined.
+    where it is not refined.
+
+    Args:
+        most: Error above which nodes are refined in all samples [pixel].
     """
-    table = spec.table
-    order = np.argsort(nodes, kind="stable")
-    starts = np.flatnonzero(np.diff(nodes[order], prepend=-1))
-    for rows in np.split(order, starts[1:]) if len(order) else ():
-        node = int(nodes[rows[0]])
-        if not table.child_count[node]:
-            if table.proxies[node] + table.residents[node]:
-                yield (node, False), rows
-            continue
-        if table.residents[node]:
-            yield (node, False), rows
-        if table.proxies[node] and not refined[rows].all():
-            yield (node, True), rows[~refined[rows]]
+    nodes = cut.nodes
+    is_leaf, has_proxies = table.child_count[nodes] == 0, table.proxies[nodes] > 0
+    captured = (table.residents[nodes] > 0) | (is_leaf & has_proxies)
+    inner = ~is_leaf & has_proxies & (cut.errors <= most)
+    return _by_node(cut, captured, is_inner=False), _by_node(cut, inner, is_inner=True)
 
 
-def _is_same(a: list[Drawn], b: list[Drawn]) -> bool:
-    """Return whether two lists have the same fields and instances."""
-    return len(a) == len(b) and all(
-        x[1] is y[1] and (x[2] is y[2] or x[2] == y[2]) for x, y in zip(a, b, strict=True)
+def _by_node(cut: Reached, drawn: Bools, *, is_inner: bool) -> Parts:
+    rows = np.flatnonzero(drawn)
+    rows = rows[np.argsort(cut.nodes[rows], kind="stable")]
+    nodes, counts = np.unique(cut.nodes[rows], return_counts=True)
+    return Parts(
+        is_inner=is_inner,
+        nodes=nodes,
+        counts=counts.astype(np.int64),
+        instances=cut.instances[rows],
+        errors=cut.errors[rows],
+        above=cut.above[rows],
     )
 
 

@@ -14,6 +14,7 @@ from usdsplat.core.node_cuts import level_cut
 from usdsplat.core.node_table import MOST_LEVELS, NodeTable
 from usdsplat.core.sh import coefficient_count
 from usdsplat.render.fields import Field
+from usdsplat.render.lod.cache import Request
 from usdsplat.render.specs import (
     NO_GRADE,
     CropSpec,
@@ -106,6 +107,9 @@ class Tree:
     """Bounds of the centres without outliers, in local space; computed on first use."""
     fields: dict[tuple[int, bool], Field] = field(default_factory=dict)
     """(node, is inner) -> the splats as a field of the draw list, for what was drawn last."""
+    requests: dict[tuple[int, bool], tuple[Hashable, Request]] = field(default_factory=dict)
+    """(node, is inner) -> key of the splats in the cache, and how to read them; made on first
+    use."""
 
     def __post_init__(self) -> None:
         self.elements = self.spec.first_elements()
@@ -135,5 +139,6 @@ class Tree:
     def replace(self, spec: TreeSpec) -> None:
         """Replace the tree. Splats of unchanged chunks stay in the cache."""
         self.spec, self.elements = spec, spec.first_elements()
-        self.problems, self.closed, self.lost, self.fields = {}, set(), set(), {}
+        self.problems, self.closed, self.lost = {}, set(), set()
+        self.fields, self.requests = {}, {}
         self.subject = None

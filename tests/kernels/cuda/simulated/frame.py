@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from numba import cuda
 
-from tests.kernels.cuda import frames
+from tests.kernels.cuda import frames, pools
 from usdsplat.core.errors import BackendError
 from usdsplat.kernels.cuda import ties
 from usdsplat.kernels.cuda.device import CudaDevice
-from usdsplat.kernels.cuda.frame import picture
+from usdsplat.kernels.cuda.frame import picture, pool
 
 
 @pytest.fixture(autouse=True)
@@ -57,6 +57,23 @@ def test_boxes_leave_nothing_out() -> None:
 def test_ties_of_depth_are_settled_by_rows() -> None:
     """Oracle: the picture of the same splats in the order of their rows, bit for bit."""
     frames.check_ties_are_settled(CudaDevice(), 20)
+
+
+def test_nodes_are_on_the_gpu_as_they_are(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Oracle: the arrays of the host."""
+    monkeypatch.setattr(pool, "SENT", 2)
+    monkeypatch.setattr(pool, "THREADS", 32)
+    pools.check_content(CudaDevice(), (300, 5, 700, 1), 1)
+
+
+def test_the_least_recently_used_nodes_make_room(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Oracle: the order of use, by hand."""
+    pools.check_room(CudaDevice(), monkeypatch)
+
+
+def test_nodes_are_drawn_as_fields_are() -> None:
+    """Oracle: the picture of each node as a field, bit for bit."""
+    pools.check_picture(CudaDevice(), 24)
 
 
 def test_long_runs_of_one_depth_are_merged(monkeypatch: pytest.MonkeyPatch) -> None:

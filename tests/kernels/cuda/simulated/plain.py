@@ -19,7 +19,9 @@ def small(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(picture, name, value)
 
 
-@pytest.mark.parametrize("name", ["tangential", "budget", "samples"])
+@pytest.mark.parametrize(
+    "name", ["tangential", "budget", "samples", "tree in colour", "tree and samples"]
+)
 def test_colour_alone_is_drawn_whole(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
     """Oracle: the CPU's loops, in Python here as the kernels are."""
     made = color_pictures.count_fused(monkeypatch)
@@ -41,3 +43,10 @@ def test_what_touches_too_many_tiles_goes_band_by_band(monkeypatch: pytest.Monke
 def test_packed_fields_are_drawn_as_they_are() -> None:
     """Oracle: what they unpack to."""
     color_pictures.check_packed(CudaDevice(), SIZE, SPLATS)
+
+
+def test_only_new_nodes_are_sent(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Oracle: the nodes that are drawn, without those that were drawn before; and the CPU's loops,
+    in Python here as the kernels are."""
+    device = PythonDevice(threads=1)
+    color_pictures.check_only_new_nodes_are_sent(CudaDevice(), device, monkeypatch, 1e-4)

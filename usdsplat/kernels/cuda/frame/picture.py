@@ -5,18 +5,17 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from numba import cuda
 
 from usdsplat.kernels.cuda.device import CudaDevice, in_words
 from usdsplat.kernels.cuda.frame import blend, order, project, tiles
 from usdsplat.kernels.cuda.frame.graph import record
+from usdsplat.kernels.cuda.frame.groups import FrameGroup, FrameNodes, FrameView
 from usdsplat.kernels.cuda.ties import MERGERS, MERGING, TIES
-from usdsplat.kernels.project import BLOCK, RECORD
+from usdsplat.kernels.project import RECORD
 
 THREADS = 256
 WAVES = 132 * 16
@@ -37,57 +36,6 @@ TOTALS = 5
 pairs; long runs."""
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class FrameGroup:
-    """Consecutive instances of one field in drawing order."""
-
-    splats: tuple[Any, ...]
-    """Arrays of the device, see `load`: positions first, rows last."""
-    is_packed: bool
-    boxes: Any
-    """Bounds of the field's blocks, shape (blocks, 8) f32; empty if blocks are not culled."""
-    instances: int
-    degree: int
-    """Degree of the harmonics that are evaluated."""
-
-    @property
-    def count(self) -> int:
-        """Splats of an instance."""
-        return int(self.splats[0].shape[0])
-
-    @property
-    def blocks(self) -> int:
-        """Blocks of an instance."""
-        return -(-self.count // BLOCK)
-
-    @property
-    def parts(self) -> int:
-        """CUDA blocks of an instance."""
-        return -(-self.count // project.PART)
-
-
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class FrameView:
-    """Values that change from picture to picture; arrays of the host."""
-
-    cameras: npt.NDArray[Any]
-    """A CAMERA for each group."""
-    matrices: npt.NDArray[np.float64]
-    """Local to camera for each instance, shape (m, 3, 4)."""
-    sights: npt.NDArray[np.float64]
-    """Affine maps to view directions, see `radiance`, shape (m, 3, 4)."""
-    conversions: npt.NDArray[np.float32]
-    """Colour conversion of each group, shape (groups, 14); the last number says whether colours are
-    converted."""
-    grid: npt.NDArray[Any]
-    """The GRID record of the data window."""
-
-    @property
-    def arrays(self) -> tuple[npt.NDArray[Any], ...]:
-        """Return all arrays, in a fixed order."""
-        return self.cameras, self.matrices, self.sights, self.conversions, self.grid
-
-
 class FramePicture:
     """Fused rendering of pictures on one device, which keeps its buffers between them."""
 
@@ -96,7 +44,7 @@ class FramePicture:
         self._primitives = device.primitives
         """Recorded launches use its memory, even after the device is closed."""
         self._key: tuple[Any, ...] = ()
-        self._groups: tuple[FrameGroup, ...] = ()
+        self._groups: tuple[FrameGroup | FrameNodes, ...] = ()
         self._buffers: dict[str, Any] = {}
         self._first: Callable[[], None] | None = None
         self._second: dict[tuple[int, int], Callable[[], None]] = {}
@@ -111,7 +59,7 @@ class FramePicture:
         self.waited = 0.0
         """Time that the host has waited for the two numbers so far [s]."""
 
-    def draw(self, groups: Sequence[FrameGroup], view: FrameView) -> Any:
+    def draw(self, groups: Sequence[FrameGroup | FrameNodes], view: FrameView) -> Any:
         """Draw a picture. The image stays on the device and is valid until the next picture.
 
         The second half is launched before its two numbers are known, with those of the last
@@ -127,7 +75,7 @@ class FramePicture:
         with in_words():
             return self._draw(groups, view)
 
-    def _draw(self, groups: Sequence[FrameGroup], view: FrameView) -> Any:
+    def _draw(self, groups: Sequence[FrameGroup | FrameNodes], view: FrameView) -> Any:
         self._adopt(tuple(groups), view)
         for array, (host, _) in zip(view.arrays, self._staged, strict=True):
             host[...] = array
@@ -147,7 +95,7 @@ class FramePicture:
         if self._totals[3]:
             self._guess = None
             return None
-        size = min(_size(self.visible), self._room), _size(self.pairs)
+        size = min(size_of(self.visible), self._room), size_of(self.pairs)
         if guess is None or size[0] > guess[0] or size[1] > guess[1]:
             self._finish(*size)
         elif 2 * size[0] > guess[0] and 2 * size[1] > guess[1]:
@@ -162,15 +110,11 @@ class FramePicture:
 
     # --- buffers of the scene --------------------------------------------------------------
 
-    def _adopt(self, groups: tuple[FrameGroup, ...], view: FrameView) -> None:
+    def _adopt(self, groups: tuple[FrameGroup | FrameNodes, ...], view: FrameView) -> None:
         """Allocate buffers for new fields or a new size of the picture."""
         grid = view.grid[0]
         width, height = int(grid["x1"] - grid["x0"]), int(grid["y1"] - grid["y0"])
-        own = tuple(
-            (tuple(id(array) for array in group.splats), id(group.boxes), group.instances,
-             group.degree)
-            for group in groups
-        )  # fmt: skip
+        own = tuple(group.key for group in groups)
         key = (own, width, height, int(grid["columns"]), int(grid["rows"]))
         if key == self._key:
             return
@@ -178,11 +122,11 @@ class FramePicture:
         self._forget()
         self._columns, tile_count = int(grid["columns"]), int(grid["columns"] * grid["rows"])
         self._tile_count = tile_count
-        self._parts = sum(group.instances * group.parts for group in groups)
+        self._parts = sum(group.all_parts for group in groups)
         self._stage(view)
         self._get("image", (height, width, 4), np.float32)
         self._get("starts", (tile_count + 1,), np.int32)
-        blocks = sum(group.instances * group.blocks for group in groups)
+        blocks = max(1, sum(group.all_blocks for group in groups))
         self._get("closed", (blocks,), np.uint8)
         self._buffers["closed"].copy_to_device(np.zeros(blocks, np.uint8), self._stream)
         self._get("marks", (self._parts * project.WORDS,), np.uint32)
@@ -192,7 +136,7 @@ class FramePicture:
         self._get("totals", (TOTALS,), np.int32)
         self._get("span", (2,), np.float32)
         if not self._room:
-            self._grow(min(ROOM, sum(group.instances * group.count for group in groups)))
+            self._grow(min(ROOM, self._parts * project.PART))
 
     def _stage(self, view: FrameView) -> None:
         """Allocate one buffer for the values that change from picture to picture, which is copied
@@ -212,7 +156,7 @@ class FramePicture:
     def _grow(self, visible: int) -> None:
         """Allocate buffers for a number of records, with a reserve."""
         self._forget()
-        self._room = _size(visible + visible // 8)
+        self._room = size_of(visible + visible // 8)
         for name in ("records", "keys", "rows", "counts", "numbers", "names"):
             self._buffers.pop(name, None)
         self._get("records", (self._room * RECORD,), np.float32)
@@ -240,27 +184,34 @@ class FramePicture:
     def _see(self) -> None:
         b, stream = self._buffers, self._stream
         self._sent[1].copy_to_device(self._sent[0], stream)
-        cameras, matrices, sights, conversions, grid = (there for _, there in self._staged)
-        first = instance = block = 0
-        spans = []
+        cameras, matrices, sights, conversions, grid, table = (there for _, there in self._staged)
+        first = instance = block = row = 0
+        spans: list[tuple[int, FrameGroup | FrameNodes, int, int, Any]] = []
         for number, group in enumerate(self._groups):
-            spans.append((number, group, instance, first))
-            blocks, parts = (group.instances * each for each in (group.blocks, group.parts))
-            if group.boxes.shape[0]:
-                project.cull[_blocks(blocks), THREADS, stream](
-                    cameras, matrices, number, instance, group.instances, block, group.boxes,
-                    b["closed"],
-                )  # fmt: skip
-            project.SEE[group.is_packed][parts, project.PART, stream](
-                cameras, matrices, number, instance, first, block, group.parts, group.count,
-                b["closed"], group.splats, b["marks"], b["found"], b["totals"], b["span"],
+            if isinstance(group, FrameNodes):
+                parts: Any = table[row : row + group.all_parts]
+                see, count, row = project.SEE_NODES, 0, row + group.all_parts
+            else:
+                parts, see, count = group.parts, project.SEE[group.is_packed], group.count
+                if group.boxes.shape[0]:
+                    project.cull[_blocks(group.all_blocks), THREADS, stream](
+                        cameras, matrices, number, instance, group.instances, block, group.boxes,
+                        b["closed"],
+                    )  # fmt: skip
+            see[group.all_parts, project.PART, stream](
+                cameras, matrices, number, instance, first, block, parts, count, b["closed"],
+                group.splats, b["marks"], b["found"], b["totals"], b["span"],
             )  # fmt: skip
-            first, instance, block = first + parts, instance + group.instances, block + blocks
+            spans.append((number, group, instance, first, parts))
+            first, instance = first + group.all_parts, instance + group.instances
+            block += group.all_blocks
         self._primitives.running_sum(b["found"], b["sums"], self._parts + 1)
-        for number, group, instance, first in spans:
-            place = project.PLACE[group.is_packed, group.degree > 0]
-            place[group.instances * group.parts, project.PART, stream](
-                cameras, matrices, sights, conversions, number, instance, first, group.parts,
+        for number, group, instance, first, parts in spans:
+            place = project.PLACE_NODES
+            if isinstance(group, FrameGroup):
+                place = project.PLACE[group.is_packed, group.degree > 0]
+            place[group.all_parts, project.PART, stream](
+                cameras, matrices, sights, conversions, number, instance, first, parts,
                 group.degree, group.splats, b["marks"], b["found"], b["sums"],
                 self._room, b["records"], b["keys"], b["rows"], b["names"],
                 b["span"], b["totals"],
@@ -354,7 +305,7 @@ class FramePicture:
         return self._device.resident(shape, dtype)
 
 
-def _size(count: int) -> int:
+def size_of(count: int) -> int:
     """Return the next size for which launches are recorded, at least `count`."""
     if count <= LEAST:
         return LEAST

@@ -5,11 +5,15 @@ the splats of one instance. `see` sets a bit for each splat that touches the vie
 the parts then gives the position of each part's records, and `place` writes them. Both kernels
 project a splat with the same bits, so only the marks are stored between them: the records need
 memory for visible splats only.
+
+The parts of a field follow from its number of splats and of instances. Those of nodes of splat
+trees are listed in a table, so that nodes anywhere in one memory are drawn in one launch, and
+another cut is another table.
 """
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import cuda, float32, int32, int64, uint64
@@ -65,7 +69,63 @@ def cull(cameras, matrices, group, instance, instances, first, boxes, closed):
         closed[first + item] = is_outside(cameras[group], m, boxes[item % blocks])
 
 
-def make_see(load: Any) -> Any:
+@cuda.jit(device=True, inline="always")
+def count_of_field(item, first_block, parts, n, closed):
+    """Return the number of splats of a part of a field; 0 if its block is closed."""
+    part, owner = item % parts, item // parts
+    blocks = (parts * PART + BLOCK - 1) // BLOCK
+    if closed[first_block + owner * blocks + part * PART // BLOCK]:
+        return int64(0)
+    return int64(min(PART, n - part * PART))
+
+
+@cuda.jit(device=True, inline="always")
+def place_of_field(item, parts):
+    """Return the first splat of a part of a field in memory, and its instance."""
+    return int64(item % parts * PART), int64(item // parts)
+
+
+@cuda.jit(device=True, inline="always")
+def name_in_field(splats, item, k, i, instance, owner):
+    """Return a number of splat k of a part, i in memory, that ascends in drawing order: by
+    instance, and row in the field."""
+    return int64(instance + owner) << int64(32) | int64(row_of(splats, i))
+
+
+@cuda.jit(device=True, inline="always")
+def count_of_nodes(item, first_block, parts, n, closed):
+    """Return the number of splats of a part of a node."""
+    return int64(parts[item, 1])
+
+
+@cuda.jit(device=True, inline="always")
+def place_of_nodes(item, parts):
+    """Return the first splat of a part of a node in memory, and its instance."""
+    return int64(parts[item, 0]), int64(parts[item, 2])
+
+
+@cuda.jit(device=True, inline="always")
+def name_in_nodes(splats, item, k, i, instance, owner):
+    """Return a number of splat k of a part that ascends in drawing order, which is that of the
+    table."""
+    return int64(instance) << int64(32) | int64(item * PART + k)
+
+
+class Source(NamedTuple):
+    """Functions that find the splats of a part."""
+
+    suffix: str
+    """Of the names of kernels."""
+    count_of: Any
+    place_of: Any
+    name_in: Any
+
+
+FIELD = Source("", count_of_field, place_of_field, name_in_field)
+NODES = Source(",nodes", count_of_nodes, place_of_nodes, name_in_nodes)
+
+
+def make_see(load: Any, source: Source) -> Any:
     """Return the kernel that marks visible splats, for splats that are read with `load`.
 
     The arguments of the kernel:
@@ -73,12 +133,16 @@ def make_see(load: Any) -> Any:
     cameras: a CAMERA for each group. matrices: those of all instances, (m, 3, 4) f64.
     group, instance, first, first_block: number of the group, of its first instance, of its first
     part and of its first block.
-    parts: parts of an instance. n: splats of an instance. closed: written by `cull`.
+    parts: parts of an instance; or the table of the parts of nodes, (parts, 3) i32: first splat in
+    memory, number of splats, instance. n: splats of an instance; unused for nodes. closed: written
+    by `cull`; unused for nodes.
     splats: arrays of the splats. marks: receives marks, WORDS for each part, u32. found: receives
     the number of visible splats, (parts,) i32. totals, span: are reset.
     """
 
-    @kernel(name=f"cuda.frame.project.see({load.__name__})", exact=True)
+    count_of, place_of = source.count_of, source.place_of
+
+    @kernel(name=f"cuda.frame.project.see({load.__name__}{source.suffix})", exact=True)
     def see(
         cameras, matrices, group, instance, first, first_block, parts, n, closed, splats, marks,
         found, totals, span,
@@ -87,18 +151,18 @@ def make_see(load: Any) -> Any:
         if first + item + t == 0:  # the other counters are set by kernels launched after this one
             totals[1] = totals[3] = 0
             span[0], span[1] = float32(np.inf), float32(-np.inf)
-        part, owner = item % parts, item // parts
-        blocks = (parts * PART + BLOCK - 1) // BLOCK
-        if closed[first_block + owner * blocks + part * PART // BLOCK]:
+        count = count_of(item, first_block, parts, n, closed)
+        if count == 0:
             if t == 0:
                 found[first + item] = 0
             return
+        begin, owner = place_of(item, parts)
         cam, m = cameras[group], matrices[instance + owner]
         record = cuda.local.array(RECORD, float32)
         q, s = cuda.local.array(4, float32), cuda.local.array(3, float32)
-        i = part * PART + t
+        i = begin + t
         seen = int32(0)
-        if i < n:
+        if t < count:
             opacity = load(splats, i, q, s)
             if project_one(cam, m, splats[0][i], q, s, opacity, record):
                 seen = int32(1)
@@ -112,7 +176,7 @@ def make_see(load: Any) -> Any:
     return see
 
 
-def make_place(load: Any, shade: Any) -> Any:
+def make_place(load: Any, shade: Any, source: Source) -> Any:
     """Return the kernel that writes records, colours and keys of visible splats.
 
     `shade` computes the colour of splat i for a unit view direction. The arguments of the kernel
@@ -126,7 +190,9 @@ def make_place(load: Any, shade: Any) -> Any:
     span: (2,) f32, widened to contain all keys. totals: receives the number of records in [0].
     """
 
-    @kernel(name=f"cuda.frame.project.place({shade.__name__})", exact=True)
+    place_of, name_in = source.place_of, source.name_in
+
+    @kernel(name=f"cuda.frame.project.place({shade.__name__}{source.suffix})", exact=True)
     def place(
         cameras, matrices, sights, conversions, group, instance, first, parts, degree, splats,
         marks, found, starts, room, records, keys, rows, names, span, totals,
@@ -137,17 +203,18 @@ def make_place(load: Any, shade: Any) -> Any:
             totals[0] = start + count  # this is the last part
         if count == 0:
             return
-        part, owner = item % parts, instance + item // parts
+        begin, owner = place_of(item, parts)
         at, lane = start, t % 32
         for k in range(t // 32):
             at += int32(cuda.popc(marks[(first + item) * WORDS + k]))
         word = marks[(first + item) * WORDS + t // 32]
         at += int32(cuda.popc(np.uint32(word & below(lane))))
         if word >> np.uint32(lane) & np.uint32(1) and at < room:
-            rows[at] = part * PART + t
+            rows[at] = begin + t
         cuda.syncthreads()
         cam, m, sight, numbers = (
-            cameras[group], matrices[owner], sights[owner], conversions[group],
+            cameras[group], matrices[instance + owner], sights[instance + owner],
+            conversions[group],
         )  # fmt: skip
         near_far = cuda.shared.array(2, float32)
         if t == 0:
@@ -174,7 +241,7 @@ def make_place(load: Any, shade: Any) -> Any:
                 record[HALF_HEIGHT],
             )  # fmt: skip
             store4(records, to + F8, r, g, b, record[DEPTH])
-            names[at] = int64(owner) << int64(32) | int64(row_of(splats, i))
+            names[at] = name_in(splats, item, i - begin, i, instance, owner)
             key = squared_distance(m, splats[0][i]) if by_distance else record[DEPTH]
             keys[at] = near = far = key
         for shift in (16, 8, 4, 2, 1):
@@ -191,14 +258,16 @@ def make_place(load: Any, shade: Any) -> Any:
     return place
 
 
-SEE = {False: make_see(load_floats), True: make_see(load_packed)}
+SEE = {False: make_see(load_floats, FIELD), True: make_see(load_packed, FIELD)}
 """Whether splats are packed -> the kernel that finds visible ones."""
-_FLOATS = make_place(load_floats, shade_floats)
+_FLOATS = make_place(load_floats, shade_floats, FIELD)
 PLACE = {
     (False, False): _FLOATS,
     (False, True): _FLOATS,
-    (True, False): make_place(load_packed, shade_packed_flat),
-    (True, True): make_place(load_packed, shade_packed),
+    (True, False): make_place(load_packed, shade_packed_flat, FIELD),
+    (True, True): make_place(load_packed, shade_packed, FIELD),
 }
 """(Whether splats are packed, whether they have degrees above 0) -> the kernel that writes
 records."""
+SEE_NODES = make_see(load_floats, NODES)
+PLACE_NODES = make_place(load_floats, shade_floats, NODES)
