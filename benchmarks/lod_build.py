@@ -80,7 +80,7 @@ def write_world(path: Path, capture: str, degree: int, splats: int) -> None:
 def measured(world: Path, memory: int) -> dict[str, Any]:
     """Build a tree in this process, and return its costs."""
     steps, merging = Steps(), [0.0]
-    merge = nodes.decimate
+    merge = nodes.level
 
     def timed(*args: Any, **options: Any) -> Any:
         start = time.process_time()
@@ -88,10 +88,13 @@ def measured(world: Path, memory: int) -> dict[str, Any]:
         merging[0] += time.process_time() - start
         return found
 
-    nodes.decimate = timed
+    nodes.level = timed
     start = time.process_time()
     options = LodOptions(memory_limit=memory)
-    report = build_tree(world, world.with_name("tree.usda"), options=options, progress=steps)
+    try:
+        report = build_tree(world, world.with_name("tree.usda"), options=options, progress=steps)
+    finally:
+        nodes.level = merge
     total = time.process_time() - start
     steps.step("", 0, 0)
     levels = steps.spent["building levels"] - merging[0]
