@@ -27,6 +27,7 @@ from benchmarks.report import Report
 from benchmarks.scenes import DATA
 from usdsplat import formats, schema
 from usdsplat.core import edit
+from usdsplat.core.cloud import SplatCloud
 from usdsplat.interchange.lod import LodOptions, build_tree, nodes
 from usdsplat.interchange.lod.options import MEMORY
 
@@ -52,8 +53,8 @@ class Steps:
         self._label = "reading" if label.startswith("reading") else label
 
 
-def write_world(path: Path, capture: str, degree: int, splats: int) -> None:
-    """Write turned and scaled copies of a capture, side by side, as a packed stage."""
+def world(capture: str, degree: int, splats: int) -> SplatCloud:
+    """Return turned and scaled copies of a capture, side by side."""
     cloud = edit.with_sh_degree(formats.read(DATA / "splats" / capture).cloud, degree)
     rng, copies = np.random.default_rng(0), -(-splats // len(cloud))
     side, size = int(np.ceil(np.sqrt(copies))), 2 * np.abs(cloud.positions).max(axis=0).mean()
@@ -65,16 +66,21 @@ def write_world(path: Path, capture: str, degree: int, splats: int) -> None:
         matrix[:3, :3] = [[cosine, 0, sine], [0, scale, 0], [-sine, 0, cosine]]
         matrix[:3, 3] = size * (copy % side), 0, size * (copy // side)
         parts.append(edit.transform(cloud, matrix))
+    return edit.take(edit.merge(parts), np.arange(splats))
+
+
+def write_world(path: Path, capture: str, degree: int, splats: int) -> None:
+    """Write a world as a packed stage."""
     stage = Usd.Stage.CreateNew(str(path))
-    world = edit.take(edit.merge(parts), np.arange(splats))
-    stage.SetDefaultPrim(schema.author(stage, "/world", world, form="packed"))
+    cloud = world(capture, degree, splats)
+    stage.SetDefaultPrim(schema.author(stage, "/world", cloud, form="packed"))
     stage.GetRootLayer().Save()
 
 
 def measured(world: Path, memory: int) -> dict[str, Any]:
     """Build a tree in this process, and return its costs."""
     steps, merging = Steps(), [0.0]
-    merge = nodes.decimate
+    merge = nodes.level
 
     def timed(*args: Any, **options: Any) -> Any:
         start = time.process_time()
@@ -82,10 +88,13 @@ def measured(world: Path, memory: int) -> dict[str, Any]:
         merging[0] += time.process_time() - start
         return found
 
-    nodes.decimate = timed
+    nodes.level = timed
     start = time.process_time()
     options = LodOptions(memory_limit=memory)
-    report = build_tree(world, world.with_name("tree.usda"), options=options, progress=steps)
+    try:
+        report = build_tree(world, world.with_name("tree.usda"), options=options, progress=steps)
+    finally:
+        nodes.level = merge
     total = time.process_time() - start
     steps.step("", 0, 0)
     levels = steps.spent["building levels"] - merging[0]

@@ -187,7 +187,7 @@ def built(report: Report, folder: Path, sizes: list[int]) -> list[Row]:
     """Build the trees that do not exist, and show what all of them took."""
     table = Table(title="trees")
     for column in (
-        "splats", "wall [s]", "CPU [s]", "CPU µs/splat", "peak [MiB]", "bytes [MB]",
+        "splats", "wall s", "CPU s", "CPU µs/splat", "peak MiB", "bytes MB",
         "/ packed leaves", "nodes", "levels",
     ):  # fmt: skip
         table.add_column(column, justify="right")
@@ -248,9 +248,9 @@ def drawn(report: Report, scenes: list[World], options: argparse.Namespace) -> l
     every: list[Row] = []
     table = Table(title=f"{SIZE[0]}×{SIZE[1]}, {len(os.sched_getaffinity(0))} cores")
     for column in (
-        "device", "view", "world", "splats", "cut", "error [px]", "visible", "nodes",
-        "cache [MiB]", "first [ms]", "median [ms]", "least–most", "CPU [ms]", "outside stages",
-        "peak [MiB]",
+        "device", "view", "world", "splats", "cut", "error px", "visible", "nodes",
+        "cache MiB", "first ms", "median ms", "least–most", "CPU ms", "outside stages",
+        "peak MiB",
     ):  # fmt: skip
         table.add_column(column, justify="right")
     for device in options.devices.split(",") if options.devices else available():
