@@ -27,6 +27,7 @@ import resource
 import subprocess
 import sys
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -141,9 +142,16 @@ def frames(stage: Path, name: str, device: str, error: float, budget: int) -> Ro
 def camera(name: str, number: int) -> View:
     """Return a view of a city, moved along x."""
     eye, tilt = {"block": ((6.0, 150.0, 0.0), 90.0), "horizon": ((0.0, 70.0, 100.0), 12.0)}[name]
-    focal = {"block": 3.0, "horizon": 1.0}[name] * SIZE[1]
-    k = np.array([[focal, 0, SIZE[0] / 2], [0, focal, SIZE[1] / 2], [0, 0, 1.0]])
-    return view_of(_matrix(np.add(eye, (STRIDE * number, 0, 0)), np.radians(tilt)), k, SIZE)
+    focal = {"block": 3.0, "horizon": 1.0}[name]
+    return looking((eye[0] + STRIDE * number, *eye[1:]), tilt, focal, SIZE)
+
+
+def looking(eye: Sequence[float], tilt: float, focal: float, size: tuple[int, int]) -> View:
+    """Return a view from `eye` [m] along -z, turned downwards by `tilt` [degree], with a focal
+    length in heights of the picture."""
+    width, height = size
+    k = np.array([[focal * height, 0, width / 2], [0, focal * height, height / 2], [0, 0, 1.0]])
+    return view_of(_matrix(np.asarray(eye, np.float64), np.radians(tilt)), k, size)
 
 
 def _matrix(eye: F64, tilt: float) -> F64:
