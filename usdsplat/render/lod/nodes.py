@@ -68,6 +68,7 @@ class PictureNodes:
         self.shows_inner = self._cut.shows_inner(tables, self._most)
         """Whether an inner node can be seen in any sample."""
         self._last: tuple[list[Any], Appearances | None] = [], None
+        """The objects of the scene that the last appearances depend on, and these."""
 
     @property
     def cut(self) -> Cut:
@@ -99,7 +100,8 @@ class PictureNodes:
     def _appearances(self, scene: RenderScene) -> Appearances:
         """Return what any sample draws, in the order of the layout."""
         present, drawn = dict(scene.drawn_trees()), scene.drawn()
-        given = [drawn, *(each.instances for each in present.values())]
+        trees = present.values()
+        given = [drawn, *trees, *(each.instances for each in trees)]
         before, last = self._last
         is_known = len(given) == len(before) and all(map(operator.is_, given, before))
         if last is not None and is_known:
