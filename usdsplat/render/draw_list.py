@@ -216,10 +216,7 @@ def laid_out(
         prims=tuple(prims),
         first_elements=np.repeat(elements, counts) if elements.any() else elements[:0],
         splats=int(counts @ sizes),
-        total=sum(
-            count * len(field.spec.cloud)
-            for field, count in zip(fields, counts.tolist(), strict=True)
-        ),
+        total=int(counts @ [len(each.spec.cloud) for each in fields] if parts else counts @ sizes),
     )
 
 

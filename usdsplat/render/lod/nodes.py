@@ -138,7 +138,8 @@ class PictureNodes:
             asked.update(key for key, _ in wanted.values())
             missing = wanted.keys() - results.keys()
             needed = {name: wanted[name] for name in missing if not self._replace(name, coarse)}
-            results |= self._read(cache, needed, waits=True)
+            if needed:
+                results |= self._read(cache, needed, waits=True)
             failed = {
                 name: result
                 for name, result in results.items()
