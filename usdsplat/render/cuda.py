@@ -114,7 +114,9 @@ class ColorPicture:
 
             def pages_of(coefficients: int, clouds: Sequence[SplatCloud]) -> list[I32]:
                 # a pool that fails, for lack of memory, is dropped
-                pool = self._pools.pop(coefficients, None) or NodePool(self._device, coefficients)
+                pool = self._pools.pop(coefficients, None)
+                if pool is None:
+                    pool = NodePool(self._device, coefficients, self._picture.release)
                 pages = pool.pages_of(clouds, limit)
                 self._pools[coefficients] = pool
                 return pages

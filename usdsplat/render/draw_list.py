@@ -176,11 +176,14 @@ def laid_out(
     u, s, vt = np.linalg.svd(transforms[:, :3, :3])
     placements = Placements(transforms, u @ vt, vt.transpose(0, 2, 1) @ (s[:, :, None] * vt))
     groups: list[Group] = []
+    shapes: list[tuple[int, int, int, int]] = []
     first, slot = 0, 0
     for field, count in zip(fields, counts.tolist(), strict=True):
         part = parts.get(id(field))
         cloud = field.spec.cloud if part is None else part.cloud
-        block = max(1, min(len(cloud), project.BLOCK))
+        size = len(cloud)
+        block = max(1, min(size, project.BLOCK))
+        blocks = -(-size // block)
         groups.append(
             Group(
                 field=field,
@@ -190,17 +193,16 @@ def laid_out(
                 placed=placed[first : first + count],
                 first=first,
                 block=block,
-                blocks=-(-len(cloud) // block),
+                blocks=blocks,
                 slot=slot,
             )
         )
-        first, slot = first + count, slot + groups[-1].slots
+        shapes.append((size, block, blocks, slot))
+        first, slot = first + count, slot + count * blocks * block
     paths = sorted({*others, *(each.path for each in instances)})
     prims = {path: number for number, path in enumerate(paths)}
     labels = [(prims[each.path], each.index) for each in instances]
-    sizes = np.array([len(each.cloud) for each in groups], np.int64)
-    shapes = [(each.block, each.blocks, each.slot) for each in groups]
-    sides, blocks, slots = np.array(shapes, np.int64).reshape(-1, 3).T
+    sizes, sides, along, slots = np.array(shapes, np.int64).reshape(-1, 4).T
     most = int(np.iinfo(np.int32).max)
     elements = np.array([field.first_element & most for field in fields], np.int32)
     return DrawList(
@@ -208,16 +210,13 @@ def laid_out(
         placements=placements,
         placed=placed,
         sizes=np.repeat(sizes, counts),
-        first_slots=stepping(slots, sides * blocks, counts),
+        first_slots=stepping(slots, sides * along, counts),
         labels=np.array(labels, np.int32).reshape(-1, 2)[placed],
-        block_starts=stepping(slots, sides, counts * blocks),
+        block_starts=stepping(slots, sides, counts * along),
         prims=tuple(prims),
         first_elements=np.repeat(elements, counts) if elements.any() else elements[:0],
         splats=int(counts @ sizes),
-        total=sum(
-            count * len(field.spec.cloud)
-            for field, count in zip(fields, counts.tolist(), strict=True)
-        ),
+        total=int(counts @ [len(each.spec.cloud) for each in fields] if parts else counts @ sizes),
     )
 
 

@@ -171,6 +171,7 @@ class RenderScene:
     def remove(self, path: str) -> None:
         """Remove the field, tree or mesh at `path`."""
         self._forget_order()
+        self.laid = None  # releases the nodes of trees
         for kind in (self._fields, self._trees, self._meshes):
             kind.pop(path, None)
 

@@ -35,12 +35,17 @@ def assert_same(found: SplatCloud, expected: SplatCloud) -> None:
 
 def check_content(device: CudaDevice, sizes: tuple[int, ...], degree: int) -> None:
     """Nodes that arrive one after the other, while the memory grows."""
-    pool = NodePool(device, (degree + 1) ** 2)
+    grown: list[int] = []
+    pool = NodePool(device, (degree + 1) ** 2, lambda: grown.append(pool.bytes))
     clouds = [cloud_of(n, degree, seed=n) for n in sizes]
+    sizes_before = []
     for count in range(1, len(clouds) + 1):
+        before, size = pool.arrays[0], pool.bytes
         pages = pool.pages_of(clouds[:count], ALL)
+        sizes_before += [size] if pool.arrays[0] is not before else []
         for each, cloud in zip(pages, clouds, strict=False):
             assert_same(read(device, pool, each, len(cloud)), cloud)
+    assert grown == sizes_before
     taken = np.concatenate(pages)
     assert len(np.unique(taken)) == len(taken)
     assert pool.bytes >= pool.page_bytes * len(taken)
@@ -50,7 +55,7 @@ def check_content(device: CudaDevice, sizes: tuple[int, ...], degree: int) -> No
 
 def check_room(device: CudaDevice, monkeypatch: Any) -> None:
     """Four nodes of a page each, in room for three."""
-    pool = NodePool(device, 1)
+    pool = NodePool(device, 1, lambda: None)
     sent: list[int] = []
     send = pool._send
     monkeypatch.setattr(
@@ -93,7 +98,8 @@ def check_picture(device: CudaDevice, n: int) -> None:
     shifts[2, :3, 3] = 0.3, -0.2, 0.5
     view = view_of(shifts)
     view = replace(view, cameras=np.repeat(view.cameras, 2), conversions=np.zeros((2, 14), "f4"))
-    pool, drawn = NodePool(device, 4), FramePicture(device)
+    drawn = FramePicture(device)
+    pool = NodePool(device, 4, drawn.release)
     pages = pool.pages_of(parts, ALL)
     for numbers in (range(len(parts)), (2, 0)):
         table = [

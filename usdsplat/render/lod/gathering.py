@@ -83,7 +83,9 @@ def gathered(
         rows = {name: row for row, name in enumerate(names)}
         transforms = np.full((len(poses), len(rows), 4, 4), np.nan)
         for matrices, (_, placed) in zip(transforms, poses, strict=True):
-            for each in placed.get(path, ()):
-                matrices[rows[each.path, each.index]] = np.reshape(each.transform, (4, 4))
+            some = placed.get(path, ())
+            matrices[[rows[each.path, each.index] for each in some]] = np.reshape(
+                [each.transform for each in some], (-1, 4, 4)
+            )
         seen[path] = SeenTree(tree, tree.spec, rows, transforms)
     return scene, [screen for screen, _ in poses], seen

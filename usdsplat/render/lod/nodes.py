@@ -68,6 +68,7 @@ class PictureNodes:
         self.shows_inner = self._cut.shows_inner(tables, self._most)
         """Whether an inner node can be seen in any sample."""
         self._last: tuple[list[Any], Appearances | None] = [], None
+        """The objects of the scene that the last appearances depend on, and these."""
 
     @property
     def cut(self) -> Cut:
@@ -101,7 +102,7 @@ class PictureNodes:
         present, drawn = dict(scene.drawn_trees()), scene.drawn()
         given: list[Any] = [drawn]
         for tree in present.values():
-            given += tree.instances, tree.spec.grade, tree.crops
+            given += tree, tree.instances, tree.spec.grade, tree.crops
         before, last = self._last
         is_known = len(given) == len(before) and all(map(operator.is_, given, before))
         if last is not None and is_known:
@@ -148,7 +149,8 @@ class PictureNodes:
             asked.update(key for key, _ in wanted.values())
             missing = wanted.keys() - results.keys()
             needed = {name: wanted[name] for name in missing if not self._replace(name, coarse)}
-            results |= self._read(cache, needed, waits=True)
+            if needed:
+                results |= self._read(cache, needed, waits=True)
             failed = {
                 name: result
                 for name, result in results.items()

@@ -108,6 +108,12 @@ class FramePicture:
         """Size of the buffers on the device without splats [byte]."""
         return sum(int(array.nbytes) for array in self._buffers.values())
 
+    def release(self) -> None:
+        """Release the arrays of the groups, and the recorded launches that contain their
+        addresses."""
+        self._key, self._groups = (), ()
+        self._forget()
+
     # --- buffers of the scene --------------------------------------------------------------
 
     def _adopt(self, groups: tuple[FrameGroup | FrameNodes, ...], view: FrameView) -> None:

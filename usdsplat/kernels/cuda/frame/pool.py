@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import weakref
 from collections import OrderedDict, deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 from typing import Any
 
@@ -45,10 +45,18 @@ class NodePool:
     """Splats of nodes on one GPU, whose harmonics have the same number of coefficients.
 
     The memory grows as needed, and is released with the pool.
+
+    Args:
+        coefficients: Number of coefficients of the harmonics.
+        before_growth: Called before the memory grows, to release the present arrays, which would
+            otherwise need memory beside the new ones.
     """
 
-    def __init__(self, device: CudaDevice, coefficients: int) -> None:
+    def __init__(
+        self, device: CudaDevice, coefficients: int, before_growth: Callable[[], None]
+    ) -> None:
         self._device, self._stream = device, device.stream
+        self._before_growth = before_growth
         self._shapes: tuple[tuple[int, ...], ...] = ((3,), (4,), (3,), (), (coefficients, 3))
         self._words = [PART * int(np.prod(shape)) for shape in self._shapes]
         self._held: OrderedDict[int, tuple[weakref.ref[Any], I32]] = OrderedDict()
@@ -144,16 +152,16 @@ class NodePool:
                 self._leave(key)
 
     def _grow(self, pages: int) -> None:
-        before, rows = self._arrays, self._capacity * PART
+        self._before_growth()
+        old, rows = deque(self._arrays), self._capacity * PART
         self._arrays = ()
-        grown = []
-        for old, new_shape in zip(before, self._shapes, strict=True):
-            new = self._device.resident((pages * PART, *new_shape), np.float32)
+        for shape in self._shapes:
+            new = self._device.resident((pages * PART, *shape), np.float32)
             if rows:
                 with in_words():
-                    new[:rows].copy_to_device(old, stream=self._stream)
-            grown.append(new)
-        self._arrays = tuple(grown)
+                    new[:rows].copy_to_device(old[0], stream=self._stream)
+            old.popleft()
+            self._arrays = *self._arrays, new
         self._free = [*range(pages - 1, self._capacity - 1, -1), *self._free]
         self._capacity = pages
 
