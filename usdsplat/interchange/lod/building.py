@@ -52,7 +52,6 @@ from usdsplat.interchange.placement import (
 )
 from usdsplat.interchange.provenance import Provenance, fingerprint, joined_bounds, record
 from usdsplat.kernels.devices import open_device
-from usdsplat.schema import DrawingHints
 from usdsplat.schema.lod_root_authoring import name_lod_root
 from usdsplat.schema.packing import harmonics_width
 from usdsplat.schema.stage_values import up_axis
@@ -233,12 +232,8 @@ class _Job:
             up_axis=up_axis(stage),
             meters_per_unit=UsdGeom.GetStageMetersPerUnit(stage),
             color_space=self.meeting.color_space,
-            rasterize_mode=self._rasterize_mode,
+            drawing=self.meeting.drawing,
         )
-
-    @property
-    def _rasterize_mode(self) -> str:
-        return "antialiased" if self.meeting.antialiased else "classic"
 
     def _authored(
         self,
@@ -260,7 +255,7 @@ class _Job:
             chunks,
             degree=self.meeting.degree,
             color_space=self.meeting.color_space,
-            drawing=DrawingHints(rasterize_mode=self._rasterize_mode),
+            drawing=self.meeting.drawing,
             pixel=self.meeting.pixel,
         )
         beside = UsdGeom.Xform.Define(stage, path.ReplaceName(COARSE)).GetPrim()
