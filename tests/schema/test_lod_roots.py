@@ -281,3 +281,54 @@ def test_an_override_is_a_level_of_the_tree(
     override.CreateLodOverrideModeAttr(mode)
     override.CreateLodOverrideIndexAttr(index)
     assert tree_level(tree, NOW) == level
+
+
+def in_every_instance(stage: Usd.Stage) -> tuple[list[Sdf.Path], set[Sdf.Path]]:
+    """The LOD roots of a stage and those that trees name, by a walk of all instance proxies."""
+    roots, named = [], set()
+    for prim in Usd.PrimRange.Stage(stage, Usd.TraverseInstanceProxies()):
+        if is_lod_root(prim):
+            roots.append(prim.GetPath())
+        elif prim.GetTypeName() == schema.tokens.TREE_TYPE:
+            named.update(prim.GetRelationship("splat:lod:root").GetForwardedTargets())
+    return roots, named
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_roots_are_found_in_nested_instances(tmp_path: Path, seed: int) -> None:
+    """Oracle: a walk of every prim in every instance, on random stages: instances in instances,
+    inactive, abstract and undefined prims."""
+    rng = np.random.default_rng(seed)
+    tree = str(little_tree(tmp_path, cloud(n=64, degree=1)))
+    asset = Sdf.Layer.CreateNew(str(tmp_path / "asset.usda"))
+    stage = Usd.Stage.Open(asset)
+    for level in range(4):
+        for number in range(5):
+            path = f"/Kind{level}/P{number}"
+            prim = stage.OverridePrim(path)
+            prim.SetSpecifier(rng.choice([Sdf.SpecifierDef] * 5 + [Sdf.SpecifierOver]))
+            prim.SetTypeName("Xform")
+            what = rng.integers(5)
+            if what == 0:
+                prim.AddAppliedSchema("LODRootAPI")
+            elif what == 1:
+                prim.GetReferences().AddReference(tree)
+                stage.GetPrimAtPath(f"{path}/splats").CreateRelationship(
+                    "splat:lod:root"
+                ).SetTargets([f"/Kind{level}/P0"])
+            elif level and what < 4:
+                prim.GetReferences().AddInternalReference(f"/Kind{level - 1}")
+                prim.SetInstanceable(True)
+            prim.SetActive(bool(rng.random() < 0.9))
+        stage.GetPrimAtPath(f"/Kind{level}").SetSpecifier(Sdf.SpecifierDef)
+    asset.Save()
+    shot = Usd.Stage.CreateInMemory()
+    for number in range(6):
+        prim = shot.DefinePrim(f"/World/I{number}", "Xform")
+        prim.GetReferences().AddReference(asset.identifier, f"/Kind{3 - number % 2}")
+        prim.SetInstanceable(number < 4)
+    roots, named = in_every_instance(shot)
+    found = lod_roots.find_roots(shot)
+    assert [prim.GetPath() for prim in found.prims] == roots
+    assert found.replaced == named
+    assert any(prim.IsInstanceProxy() for prim in found.prims) or not roots

@@ -40,9 +40,9 @@ def view_cuts(
     cut = choose(views, [Screen.of(choice.view)], error=choice.error, budget=budget)
     found = []
     for (tree, to_world), reached in zip(trees, cut.trees, strict=True):
-        which = reached.errors > cut.limit
-        pairs = reached.instances[which], reached.nodes[which]
-        found.append(tuple(_cuts(tree.table, len(to_world), *pairs)))
+        drawn = reached.above_error(cut.limit)
+        refined = drawn.instances[drawn.refined], drawn.nodes[drawn.refined]
+        found.append(tuple(_cuts(tree.table, len(to_world), *refined)))
     return found
 
 

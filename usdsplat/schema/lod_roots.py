@@ -14,6 +14,7 @@ Source: `pxr/usd/usdLod/schema.usda` of OpenUSD 26.11.
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any, Literal, cast
 
@@ -129,16 +130,39 @@ class LodRoots:
 
 
 def find_roots(stage: Usd.Stage) -> LodRoots:
-    """Find the LOD roots of a stage, in every instance."""
+    """Find the LOD roots of a stage, in every instance. Each prototype is searched once."""
     prims: list[Usd.Prim] = []
     replaced: set[Sdf.Path] = set()
-    for prim in Usd.PrimRange.Stage(stage, _IN_WORLD):
-        info = prim.GetPrimTypeInfo()  # the fastest way to both names
-        if ROOT_API in info.GetAppliedAPISchemas():
+    for path in _roots_and_trees(Usd.PrimRange.Stage(stage), {}):
+        prim = stage.GetPrimAtPath(path)
+        if is_lod_root(prim):
             prims.append(prim)
-        elif info.GetTypeName() == tokens.TREE_TYPE:
+        else:
             replaced.update(prim.GetRelationship(tokens.LOD_ROOT).GetForwardedTargets())
     return LodRoots(prims=tuple(prims), replaced=frozenset(replaced))
+
+
+def _roots_and_trees(
+    prims: Iterable[Usd.Prim], known: dict[Sdf.Path, tuple[Sdf.Path, ...]]
+) -> Iterator[Sdf.Path]:
+    """Yield the paths of the LOD roots and trees among prims, and in the instances among them.
+
+    Args:
+        prims: Prims of the stage or of a prototype, without instance proxies.
+        known: Results for the prims below prototypes; those of others are added.
+    """
+    for prim in prims:
+        info = prim.GetPrimTypeInfo()  # the fastest way to both names
+        if ROOT_API in info.GetAppliedAPISchemas() or info.GetTypeName() == tokens.TREE_TYPE:
+            yield prim.GetPath()
+        if prim.IsInstance():
+            prototype = prim.GetPrototype()
+            root = prototype.GetPath()
+            if root not in known:
+                below = (each for each in Usd.PrimRange(prototype) if each != prototype)
+                known[root] = tuple(_roots_and_trees(below, known))
+            for path in known[root]:
+                yield path.ReplacePrefix(root, prim.GetPath())
 
 
 def choose_items(roots: LodRoots, time: Usd.TimeCode, view: LodView | None = None) -> ItemChoice:

@@ -14,7 +14,12 @@ from usdsplat.interchange.lod import chunks
 from usdsplat.interchange.lod.chunks import ChunkForm, ChunkNodes
 
 FORM = ChunkForm(
-    up_axis="Z", meters_per_unit=0.5, color_space="lin_ap1_scene", rasterize_mode="classic"
+    up_axis="Z",
+    meters_per_unit=0.5,
+    color_space="lin_ap1_scene",
+    drawing=schema.DrawingHints(
+        rasterize_mode="classic", sorting_mode="cameraDistance", footprint=0.5
+    ),
 )
 NAMES = ("positions", "scales", "rotations", "opacities", "sh")
 
@@ -31,6 +36,8 @@ def test_a_chunk_is_read_as_it_was_drawn(tmp_path, has_leaves, mode):
     assert (str(prim.GetPath()), schema.is_packed(prim)) == ("/splats", True)
     assert (schema.rasterize_mode(prim), schema.color_space(prim)) == (mode, "lin_ap1_scene")
     assert stage.GetMetadata("upAxis") == "Z"
+    footprint = 0.5 if has_leaves else None
+    assert (schema.sorting_mode(prim), schema.footprint(prim)) == ("cameraDistance", footprint)
 
 
 def test_what_is_known_of_nodes_is_read_again(tmp_path):

@@ -61,6 +61,20 @@ def test_an_authored_footprint_is_the_pixel(tmp_path):
     stage.GetRootLayer().Save()
     told = open_source(tmp_path / "s.usda", LodOptions()).survey(silent)
     assert told.pixel == pytest.approx(0.06)
+    assert told.footprints == pytest.approx((0.06, 0.06))
+
+
+def test_a_stage_surveys_the_hints_of_its_fields(tmp_path):
+    """Oracle: the values that are authored; a field without them has the defaults of USD."""
+    stage = Usd.Stage.CreateNew(str(tmp_path / "s.usda"))
+    drawing = schema.DrawingHints(projection_mode="tangential", sorting_mode="cameraDistance")
+    schema.author(stage, "/a", ground(50), drawing=drawing)
+    schema.author(stage, "/b", ground(50), drawing=schema.DrawingHints(footprint=0.5))
+    stage.GetRootLayer().Save()
+    told = open_source(tmp_path / "s.usda", LodOptions()).survey(silent)
+    assert told.projection_modes == ("perspective", "tangential")
+    assert told.sorting_modes == ("cameraDistance", "zDepth")
+    assert told.footprints == (0.0, 0.5)
 
 
 @pytest.mark.parametrize("name", ["a.ply", "a.splat"])

@@ -12,6 +12,7 @@ from usdsplat.core.errors import StageError, UsageError
 from usdsplat.interchange.lod import survey
 from usdsplat.interchange.lod.survey import Survey, meet
 from usdsplat.interchange.outliers import weighted_median
+from usdsplat.schema import DrawingHints
 
 ONE = Survey(
     name="a.ply",
@@ -29,6 +30,9 @@ ONE = Survey(
     meters_per_unit=None,
     unit_source="file",
     antialiased=False,
+    projection_modes=("perspective",),
+    sorting_modes=("zDepth",),
+    footprints=(0.0, 0.0),
     color_space="srgb_rec709_scene",
     format="PLY",
     error_bounds={},
@@ -114,3 +118,37 @@ def test_the_weighted_median_has_half_of_the_weight_before_it():
     values, weights = np.array([3.0, 1.0, 2.0]), np.array([1, 1, 1])
     assert weighted_median(values, weights) == 2.0
     assert weighted_median(values, np.array([5, 1, 1])) == 3.0
+
+
+def test_hints_on_which_all_inputs_agree_are_those_of_the_tree():
+    """Oracle: closed form; a footprint has the unit of the first input that states one."""
+    modes = {"projection_modes": ("tangential",), "sorting_modes": ("rayHitDistance",)}
+    first = replace(ONE, **modes, footprints=(0.02, 0.02), meters_per_unit=1.0)
+    other = replace(first, footprints=(2.0, 2.0), meters_per_unit=0.01)
+    found = met(first, other)
+    assert found.drawing.footprint == pytest.approx(0.02, rel=1e-6)
+    assert replace(found.drawing, footprint=0.02) == DrawingHints(
+        rasterize_mode="classic",
+        projection_mode="tangential",
+        sorting_mode="rayHitDistance",
+        footprint=0.02,
+    )
+    assert not [note for note in found.notes if "different" in note]
+    assert met(replace(ONE, antialiased=True)).drawing.rasterize_mode == "antialiased"
+
+
+@pytest.mark.parametrize(
+    ("other", "said"),
+    [
+        ({"projection_modes": ("tangential",)}, "different projection modes"),
+        ({"sorting_modes": ("cameraDistance", "zDepth")}, "different sorting modes"),
+        ({"footprints": (0.02, 0.02)}, "different footprints, or some have none"),
+        ({"footprints": (0.0, 0.02)}, "different footprints, or some have none"),
+    ],
+)
+def test_hints_that_differ_are_a_note(other, said):
+    """Oracle: the note; the tree has no value of its own."""
+    found = met(ONE, replace(ONE, **other))
+    assert [said in note for note in found.notes].count(True) == 1
+    (name,) = (each.rstrip("s") for each in other)
+    assert getattr(found.drawing, name) is None

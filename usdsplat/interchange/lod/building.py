@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 from pxr import Sdf, Usd, UsdGeom
@@ -53,7 +54,6 @@ from usdsplat.interchange.placement import (
 from usdsplat.interchange.provenance import Provenance, fingerprint, joined_bounds, record
 from usdsplat.kernels.devices import open_device
 from usdsplat.render.specs import RasterizeMode
-from usdsplat.schema import DrawingHints
 from usdsplat.schema.lod_root_authoring import name_lod_root
 from usdsplat.schema.packing import harmonics_width
 from usdsplat.schema.stage_values import up_axis
@@ -192,7 +192,7 @@ class _Job:
             folder=folder.chunks,
             degree=meeting.degree,
             pixel=meeting.pixel,
-            captured_mode=self._rasterize_mode,
+            captured_mode=cast(RasterizeMode, meeting.drawing.rasterize_mode),
             device=device,
         )
         table = replace(table, errors=meter.errors(progress))
@@ -235,12 +235,8 @@ class _Job:
             up_axis=up_axis(stage),
             meters_per_unit=UsdGeom.GetStageMetersPerUnit(stage),
             color_space=self.meeting.color_space,
-            rasterize_mode=self._rasterize_mode,
+            drawing=self.meeting.drawing,
         )
-
-    @property
-    def _rasterize_mode(self) -> RasterizeMode:
-        return "antialiased" if self.meeting.antialiased else "classic"
 
     def _authored(
         self,
@@ -262,7 +258,7 @@ class _Job:
             chunks,
             degree=self.meeting.degree,
             color_space=self.meeting.color_space,
-            drawing=DrawingHints(rasterize_mode=self._rasterize_mode),
+            drawing=self.meeting.drawing,
             pixel=self.meeting.pixel,
         )
         beside = UsdGeom.Xform.Define(stage, path.ReplaceName(COARSE)).GetPrim()

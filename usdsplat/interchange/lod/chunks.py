@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -33,8 +33,14 @@ class ChunkForm:
     up_axis: str
     meters_per_unit: float
     color_space: str
-    rasterize_mode: str
-    """That of the leaves."""
+    drawing: DrawingHints
+    """Those of the leaves."""
+
+    def hints(self, *, of_leaves: bool) -> DrawingHints:
+        """Return the drawing hints of leaves, or of proxies."""
+        if of_leaves:
+            return self.drawing
+        return replace(self.drawing, rasterize_mode="antialiased", footprint=None)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -77,14 +83,13 @@ def write_chunk(
     """
     stage = Usd.Stage.CreateInMemory()
     prepare(stage, form.up_axis, form.meters_per_unit)
-    mode = form.rasterize_mode if has_leaves else "antialiased"
     prim = schema.author(
         stage,
         FIELD,
         cloud,
         form="packed",
         color_space=form.color_space,
-        drawing=DrawingHints(rasterize_mode=mode),
+        drawing=form.hints(of_leaves=has_leaves),
     )
     stage.SetDefaultPrim(prim)
     files.save(stage.GetRootLayer(), target)

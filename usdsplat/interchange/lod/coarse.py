@@ -16,7 +16,6 @@ from usdsplat.core.node_table import NodeTable
 from usdsplat.interchange import files
 from usdsplat.interchange.authoring import prepare
 from usdsplat.interchange.lod.chunks import ChunkForm
-from usdsplat.schema import DrawingHints
 from usdsplat.schema.extent import compute_extent
 from usdsplat.schema.lod_root_authoring import author_lod_root
 from usdsplat.schema.tree_cuts import read_rows
@@ -90,7 +89,6 @@ def write_coarse(
         if 0 < area < thresholds[-1]:  # not if its errors are no larger, or the tree is a point
             fields.append(cloud)
             thresholds.append(area)
-    mode = "antialiased" if levels[0].is_coarse else form.rasterize_mode
     stage = Usd.Stage.CreateInMemory()
     prepare(stage, form.up_axis, form.meters_per_unit)
     stage.SetDefaultPrim(UsdGeom.Xform.Define(stage, f"/{COARSE}").GetPrim())
@@ -99,7 +97,7 @@ def write_coarse(
         f"/{COARSE}/{ROOT}",
         fields,
         thresholds=thresholds[1:],
-        drawing=DrawingHints(rasterize_mode=mode),
+        drawing=form.hints(of_leaves=not levels[0].is_coarse),
         color_space=form.color_space,
     )
     files.save(stage.GetRootLayer(), target)

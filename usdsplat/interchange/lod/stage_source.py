@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -67,7 +66,7 @@ class _Fields:
             stage=stage,
             prims=tuple(item.prim for item in found),
             parts=tuple(_Part(prim=a.prim, to_world=m) for a in found for m in a.to_world),
-            notes=(*notes, *(note for item in found for note in _dropped_hints(item.prim))),
+            notes=tuple(notes),
         )
 
 
@@ -116,6 +115,7 @@ class StageSource:
             core = core_box(centres)
         spaces = sorted({schema.color_space(prim) for prim in prims})
         modes = {schema.rasterize_mode(prim) for prim in prims}
+        footprints = [_footprint(part) or 0.0 for part in parts]
         survey = Survey(
             name=str(self.path),
             files=tuple(map(str, self.files)),
@@ -132,6 +132,9 @@ class StageSource:
             meters_per_unit=UsdGeom.GetStageMetersPerUnit(stage),
             unit_source="file",
             antialiased=modes == {"antialiased"},
+            projection_modes=tuple(sorted(set(map(schema.projection_mode, prims)))),
+            sorting_modes=tuple(sorted(set(map(schema.sorting_mode, prims)))),
+            footprints=(min(footprints), max(footprints)),
             color_space=spaces[0],
             format="USD",
             error_bounds={},
@@ -248,10 +251,15 @@ def _placed(part: _Part, own: SplatCloud, matrix: F64) -> SplatCloud:
 
 def _pixel(part: _Part, few: SplatCloud) -> float:
     """Return the size of a pixel of the photographs in the world, authored or estimated."""
+    return _footprint(part) or framing_pixel(few, FAR_LINES)
+
+
+def _footprint(part: _Part) -> float | None:
+    """Return the authored footprint of a field in the world; None if it has none."""
     authored = schema.footprint(part.prim)
-    if authored is not None:
-        return float(authored * np.cbrt(abs(np.linalg.det(part.to_world[:3, :3]))))
-    return framing_pixel(few, FAR_LINES)
+    if authored is None:
+        return None
+    return float(authored * np.cbrt(abs(np.linalg.det(part.to_world[:3, :3]))))
 
 
 def _mixed(spaces: list[str]) -> list[str]:
@@ -259,14 +267,3 @@ def _mixed(spaces: list[str]) -> list[str]:
     if len(spaces) == 1:
         return []
     return [f"colours are in {' and '.join(spaces)}; the tree states {spaces[0]} for all splats"]
-
-
-def _dropped_hints(prim: Usd.Prim) -> Iterator[str]:
-    """Yield a note if a field has rendering hints that its tree does not get."""
-    hints = {
-        "projectionModeHint": schema.projection_mode(prim) != "perspective",
-        "sortingModeHint": schema.sorting_mode(prim) != "zDepth",
-        tokens.FOOTPRINT: schema.footprint(prim) is not None,
-    }
-    if names := [name for name, is_set in hints.items() if is_set]:
-        yield f"{prim.GetPath()}: the tree does not get its {' and '.join(names)}"

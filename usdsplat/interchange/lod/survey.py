@@ -15,6 +15,7 @@ from usdsplat.core.errors import StageError, UsageError
 from usdsplat.core.wording import counted
 from usdsplat.interchange.lod.runs import Cube
 from usdsplat.interchange.outliers import weighted_median
+from usdsplat.schema import DrawingHints
 
 SAMPLED = 100_000
 """Approximate number of splats of an input from which its size is estimated."""
@@ -25,8 +26,12 @@ MOST_NOTES = 20
 MARGIN = 4.0
 """Factor from the box of the centres that are no outliers to the cube that divides them."""
 
+SAME = 1e-5
+"""Relative difference below which footprints are the same: USD stores single precision."""
+
 Triple = tuple[float, ...]
 """x, y and z."""
+Words = tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -55,6 +60,12 @@ class Survey:
     meters_per_unit: float | None
     unit_source: str
     antialiased: bool
+    projection_modes: Words
+    """Projection modes of its parts, each once, see `DrawingHints`."""
+    sorting_modes: Words
+    """Sorting modes of its parts, each once."""
+    footprints: tuple[float, float]
+    """Smallest and largest footprint of its parts; 0 for a part without one."""
     color_space: str
     format: str
     error_bounds: dict[str, str]
@@ -93,7 +104,8 @@ class Meeting:
     cube: Cube
     degree: int
     color_space: str
-    antialiased: bool
+    drawing: DrawingHints
+    """Hints of the tree: those of the inputs where all of them agree."""
     pixel: float
     """Size of the pixel of the baked low-pass [unit of the tree]."""
     notes: tuple[str, ...]
@@ -137,6 +149,7 @@ def meet(surveys: Sequence[Survey], *, sh_degree: int | None, pixel: float | Non
         counts = [each.count for each in surveys]
         pixel = 0.0 if antialiased else weighted_median(np.array(sizes), np.array(counts))
     degree = max(each.degree for each in surveys)
+    drawing, differences = _hints(surveys, factors)
     return Meeting(
         frame=first.frame,
         frame_source=first.frame_source,
@@ -145,10 +158,34 @@ def meet(surveys: Sequence[Survey], *, sh_degree: int | None, pixel: float | Non
         cube=_cube(surveys, maps),
         degree=degree if sh_degree is None else min(degree, sh_degree),
         color_space=first.color_space,
-        antialiased=antialiased,
+        drawing=replace(drawing, rasterize_mode="antialiased" if antialiased else "classic"),
         pixel=pixel,
-        notes=tuple(dict.fromkeys([*notes, *_notes(surveys, factors)])),
+        notes=tuple(dict.fromkeys([*notes, *_notes(surveys, factors), *differences])),
     )
+
+
+def _hints(surveys: Sequence[Survey], factors: Sequence[float]) -> tuple[DrawingHints, list[str]]:
+    """Return the drawing hints on which all inputs agree, and notes on the others.
+
+    Args:
+        surveys: One for each input, each with one part at least.
+        factors: From the unit of each input to the tree's.
+    """
+    notes = []
+    shared: dict[str, str] = {}
+    for name in ("projection_mode", "sorting_mode"):
+        modes = {mode for each in surveys for mode in getattr(each, f"{name}s")}
+        if len(modes) == 1:
+            shared[name] = modes.pop()
+        else:
+            words = name.replace("_", " ")
+            notes.append(f"inputs have different {words}s; the tree has the default of USD")
+    sizes = np.array([each.footprints for each in surveys]) * np.array(factors)[:, None]
+    low, high = float(sizes.min()), float(sizes.max())
+    is_shared = 0 < high <= low * (1 + SAME)
+    if high and not is_shared:
+        notes.append("inputs have different footprints, or some have none; the tree has none")
+    return DrawingHints(**shared, footprint=low if is_shared else None), notes
 
 
 def core_box(positions: F32) -> tuple[F64, F64]:
