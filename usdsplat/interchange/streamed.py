@@ -109,7 +109,7 @@ class StreamedSog:
         return Capture(
             cloud=edit.merge(parts),
             format=self.format,
-            files=(self.path,),
+            files=(self.path, *map(Path, self.chunks)),
             frame=FRAME,
             frame_source="assumed",
             antialiased=self.antialiased,

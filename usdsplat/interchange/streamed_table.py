@@ -14,9 +14,8 @@ import numpy as np
 from usdsplat.core.cloud import F64, I32, I64
 from usdsplat.core.errors import FormatError
 from usdsplat.core.extent import REACH
-from usdsplat.core.node_table import MOST_LEVELS, NodeTable
+from usdsplat.core.node_table import MOST_LEVELS, NodeTable, nested, rounded
 from usdsplat.formats.sog.lod_nodes import LodNodes
-from usdsplat.interchange.lod.tables import nested, rounded
 
 ERROR = 2.8
 """Error of a level relative to the typical size of its splats: the geometric mean of the six coarse

@@ -73,8 +73,8 @@ class TreeReading:
         Raises:
             StageError: If a chunk is missing, cannot be read, or does not have these rows.
         """
+        self.check_chunks()
         rows = self.cut.rows(self.tree.table)
-        self._check_chunks(rows)
         n, degree = len(self), self.tree.degree
         cloud = SplatCloud(
             positions=np.empty((n, 3), np.float32),
@@ -91,10 +91,14 @@ class TreeReading:
             start += count
         return cloud
 
-    def _check_chunks(self, rows: list[tuple[int, int, int]]) -> None:
-        """Raise an error if a chunk lacks rows, before memory for all of them is allocated."""
+    def check_chunks(self) -> None:
+        """Raise an error if a chunk lacks rows, before memory for all of them is allocated.
+
+        Raises:
+            StageError: If a chunk is missing, cannot be read, or does not have these rows.
+        """
         needed: dict[int, int] = {}
-        for chunk, first, count in rows:
+        for chunk, first, count in self.cut.rows(self.tree.table):
             needed[chunk] = max(needed.get(chunk, 0), first + count)
         for chunk, count in needed.items():
             path = self.tree.chunks[chunk]
