@@ -64,11 +64,15 @@ class Appearance:
         own = source.cloud() if isinstance(source, TreeReading) else source
         turned = np.eye(4)
         turned[:3, :3] = turn
-        clouds = [self._placed(own, turned @ matrix) for matrix in self.to_world]
+        clouds = [self.placed(own, turned @ matrix) for matrix in self.to_world]
         return clouds[0] if len(clouds) == 1 else edit.merge(clouds)
 
-    def _placed(self, own: SplatCloud, matrix: F64) -> SplatCloud:
-        """Return the field's cloud transformed by a finite matrix."""
+    def placed(self, own: SplatCloud, matrix: F64) -> SplatCloud:
+        """Return splats of the field or tree, transformed by a matrix.
+
+        Raises:
+            StageError: If the matrix is not finite, or float32 cannot hold the result.
+        """
         if not np.isfinite(matrix).all():
             found = "a transform that is not finite"
             raise StageError(str(self.prim.GetPath()), found, "finite numbers")
