@@ -76,3 +76,12 @@ def test_a_higher_degree_is_refused(tmp_path):
     """Oracle: the degree of the file."""
     with pytest.raises(FormatError, match="harmonics of degree 1, expected at most 0"):
         SogRows().read(written(tmp_path), 0, 1, 0)
+
+
+def test_a_pipe_is_refused(tmp_path):
+    """Oracle: nobody writes to the pipe, so that opening it would never return."""
+    path = str(tmp_path / "a.sog")
+    os.mkfifo(path)
+    for work in (count_and_degree, lambda pipe: SogRows().read(pipe, 0, 1, 0)):
+        with pytest.raises(FormatError, match="no regular file"):
+            work(path)

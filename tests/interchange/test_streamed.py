@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 import time
 
 import numpy as np
@@ -229,3 +231,9 @@ def test_bombs_are_refused_at_once(tmp_path):
             open_capture(path)
         assert len(str(caught.value).splitlines()) == 1
         assert time.process_time() - start < 2
+
+
+def test_opening_a_stage_does_not_load_what_builds_trees():
+    """Oracle: the modules of a new process; Numba takes seconds to load."""
+    code = "import sys, usdsplat.interchange.opening; sys.exit('numba' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

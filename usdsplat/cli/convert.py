@@ -17,6 +17,8 @@ examples:
       a coarse level of a splat tree; --max-splats 500000 takes the best cut of that size
   usdsplat convert city.usda near.sog --camera /World/Cam --lod-error 2
       a splat tree as a picture of a camera draws it: fine where it is near, coarse elsewhere
+  usdsplat convert city.usda web/lod-meta.json
+      all levels of a splat tree as a streamed SOG, which PlayCanvas's viewers show
   usdsplat convert house.ply garden.sog both.ply
       several captures in one, in the coordinates of the first
   usdsplat convert cap.####.sog shot.usdc --frames 1-48 --rate 25

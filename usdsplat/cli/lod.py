@@ -6,7 +6,8 @@ examples:
   usdsplat lod city_*.ply -o city.usda --memory-limit 2G
       many captures in one tree, merged in the coordinates of the first
   usdsplat lod shot.usd streamed/lod-meta.json -o all.usda
-      the visible fields of a stage, in world space, and the finest level of a streamed SOG
+      the visible fields and trees of a stage, in world space, and the finest level of a streamed
+      SOG with its environment
   usdsplat lod scan.ply -o scan.usda --pixel 0.002
       with the size of a pixel of the photographs, if it is known
 

@@ -35,14 +35,15 @@ def extent(cloud: SplatCloud, *, slack: float = 0.0) -> F64 | None:
         rows = slice(first, first + _CHUNK)
         centres = np.array(cloud.positions[rows].T, np.float64, order="C")
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-            size = _deviations(cloud.scales[rows], cloud.rotations[rows], slack + _ROUNDING)
+            size = deviations(cloud.scales[rows], cloud.rotations[rows], slack + _ROUNDING)
             low = np.minimum(low, _finite_min(centres - REACH * size))
             high = np.maximum(high, -_finite_min(-centres - REACH * size))
     return np.stack([low, high]) if np.isfinite(low).all() else None
 
 
-def _deviations(scales: F32, rotations: F32, slack: float) -> F32:
-    """Return standard deviations along x, y and z, widened by `slack`, shape (3, m)."""
+def deviations(scales: F32, rotations: F32, slack: float = 0.0) -> F32:
+    """Return standard deviations along x, y and z, widened by `slack` times the largest scale,
+    shape (3, m)."""
     size = np.abs(scales.T, order="C")
     w, x, y, z = np.ascontiguousarray(rotations.T)
     two = np.nan_to_num(

@@ -13,7 +13,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from usdsplat.core.cloud import F32, I32, I64
+from usdsplat.core.cloud import F32, F64, I32, I64
 from usdsplat.core.errors import StageError
 
 NESTED = 1.25
@@ -75,6 +75,27 @@ class NodeTable:
         for node in range(1, len(self)):  # a parent comes before its children
             found[node] = found[parents[node]] + 1
         return found
+
+
+def nested(errors: F64, table: NodeTable) -> F32:
+    """Return errors of which each is at least NESTED times those of the node's children, and above
+    0 for an inner node."""
+    parents, found = table.parents(), errors.astype(np.float64)
+    smallest = np.finfo(np.float32).tiny
+    for node in range(len(table) - 1, -1, -1):
+        if table.child_count[node]:
+            found[node] = max(found[node], smallest)
+        if node:
+            least = NESTED * (1 + 1e-6) * found[node]
+            found[parents[node]] = max(found[parents[node]], least)
+    return found.astype(np.float32)
+
+
+def rounded(corners: F64, away: float) -> F32:
+    """Return corners in single precision, rounded outwards: to -inf or inf, as `away` says."""
+    near = corners.astype(np.float32)
+    inside = near > corners if away < 0 else near < corners
+    return np.where(inside, np.nextafter(near, np.float32(away)), near).astype(np.float32)
 
 
 def check_nodes(table: NodeTable, where: str, *, chunks: int) -> None:

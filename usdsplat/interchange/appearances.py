@@ -80,11 +80,15 @@ class Appearance:
         clouds: list[SplatCloud] = []
         for source in {id(each): each for each in sources}.values():
             own = source.cloud() if isinstance(source, TreeReading) else source
-            clouds += [self._placed(own, matrix) for matrix in places[id(source)]]
+            clouds += [self.placed(own, matrix) for matrix in places[id(source)]]
         return clouds[0] if len(clouds) == 1 else edit.merge(clouds)
 
-    def _placed(self, own: SplatCloud, matrix: F64) -> SplatCloud:
-        """Return the field's cloud transformed by a finite matrix."""
+    def placed(self, own: SplatCloud, matrix: F64) -> SplatCloud:
+        """Return splats of the field or tree, transformed by a matrix.
+
+        Raises:
+            StageError: If the matrix is not finite, or float32 cannot hold the result.
+        """
         if not np.isfinite(matrix).all():
             found = "a transform that is not finite"
             raise StageError(str(self.prim.GetPath()), found, "finite numbers")

@@ -12,6 +12,7 @@ from usdsplat import formats
 from usdsplat.core.edits import Edit
 from usdsplat.core.errors import OutputError, UnknownFormatError, UsageError
 from usdsplat.core.progress import Progress, silent
+from usdsplat.formats.sog.lod_meta import LOD_META
 from usdsplat.images.frame_numbers import has_place
 from usdsplat.interchange import files
 from usdsplat.interchange.authoring import IN_USD_MEMORY
@@ -34,6 +35,8 @@ from usdsplat.interchange.reports import ExportReport, ImportReport, RepackRepor
 from usdsplat.interchange.sequence_exporting import export_sequence
 from usdsplat.interchange.sequence_files import is_sequence
 from usdsplat.interchange.sequences import import_sequence
+from usdsplat.interchange.streamed_writing import write_streamed
+from usdsplat.interchange.tree_reading import LEAVES
 
 Report = ImportReport | ExportReport | SplitReport | RepackReport
 
@@ -82,6 +85,8 @@ def convert(
         return repack(
             sources[0], path, form=options.form, edits=edits, flatten=flatten, progress=progress
         )
+    if path.name.lower() == LOD_META:
+        return _to_streamed(sources, path, edits, options, export, progress)
     reading = reading_for(edits, options.reading)
     if files.is_usd(path) and is_sequence(sources[0]):
         how = replace(reading, empty=IN_USD_MEMORY.empty)
@@ -129,6 +134,31 @@ def convert(
     )
 
 
+def _to_streamed(
+    sources: Sequence[Path],
+    target: Path,
+    edits: Sequence[Edit],
+    options: ImportOptions,
+    export: ExportOptions,
+    progress: Progress,
+) -> ExportReport:
+    """Write the splat trees of a stage as a streamed SOG.
+
+    Raises:
+        UsageError: If there is another input than one stage, or an option has no effect.
+        UsdSplatError: As for `write_streamed`.
+    """
+    if len(sources) > 1 or not files.is_usd(sources[0]):
+        expected = "one stage with splat trees, such as usdsplat lod writes"
+        raise UsageError(str(target), ", ".join(map(str, sources)), expected)
+    if edits or export.split or export.trees != LEAVES:
+        found = "edits, --split, --lod or --max-splats"
+        raise UsageError(str(target), found, "none of these: all levels of the trees are written")
+    reading = StageReading(prim_path=options.prim_path, time=export.time)
+    axes = None if options.axes == AUTO else options.axes
+    return write_streamed(sources[0], target, reading, axes=axes, progress=progress)
+
+
 def check_target(target: Path | str) -> Path:
     """Return the target as a path if its suffix can be written.
 
@@ -139,7 +169,7 @@ def check_target(target: Path | str) -> Path:
     path = Path(target)
     if str(target).endswith(os.sep):
         raise OutputError(str(target), "the name of a folder", "one of a file")
-    known = (*formats.suffixes_written(), *files.SUFFIXES)
+    known = (*formats.suffixes_written(), f"/{LOD_META}", *files.SUFFIXES)
     if not f"/{path.name.lower()}".endswith(known):
         found = f"suffix {path.suffix!r}"
         listed = [f"a folder with {end[1:]}" if end[0] == "/" else end for end in known]

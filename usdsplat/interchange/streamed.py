@@ -61,7 +61,8 @@ class StreamedSog:
     degree: int
     """Highest degree of the harmonics of a file."""
     antialiased: bool
-    """Whether a file states that its splats are for the antialiased projection."""
+    """Whether a file of the finest level states that its splats are for the antialiased
+    projection; the other levels are always drawn so."""
     format: str
 
     @classmethod
@@ -109,7 +110,7 @@ class StreamedSog:
         return Capture(
             cloud=edit.merge(parts),
             format=self.format,
-            files=(self.path,),
+            files=(self.path, *map(Path, self.chunks)),
             frame=FRAME,
             frame_source="assumed",
             antialiased=self.antialiased,
@@ -212,7 +213,7 @@ class _Units:
                     _measure(sog, nodes, coarse, sizes)
                 degree = max(degree, sog.degree)
                 versions.add(sog.meta.version)
-                antialiased |= sog.meta.antialiased
+                antialiased |= sog.meta.antialiased and len(coarse) < len(rows)
         progress.step(f"reading {path}", len(files), len(files))
         return cls(sizes, degree, frozenset(versions), antialiased)
 

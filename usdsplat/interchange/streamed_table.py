@@ -14,9 +14,8 @@ import numpy as np
 from usdsplat.core.cloud import F64, I32, I64
 from usdsplat.core.errors import FormatError
 from usdsplat.core.extent import REACH
-from usdsplat.core.node_table import MOST_LEVELS, NodeTable
+from usdsplat.core.node_table import MOST_LEVELS, NodeTable, nested, rounded
 from usdsplat.formats.sog.lod_nodes import LodNodes
-from usdsplat.interchange.lod.tables import nested, rounded
 
 ERROR = 2.8
 """Error of a level relative to the typical size of its splats: the geometric mean of the six coarse
@@ -52,11 +51,12 @@ def table_of(where: str, nodes: LodNodes, sizes: RangeSizes) -> NodeTable:
         FormatError: If the tree has too many levels.
     """
     made = _Made.of(nodes)
-    depths = np.zeros(len(made.parents), np.int32)
-    for node, parent in enumerate(made.parents.tolist()):  # a parent comes before its children
-        depths[node] = depths[parent] + 1 if parent >= 0 else 0
-    if (found := int(depths.max()) + 1) > MOST_LEVELS:
-        raise FormatError(f"{where}: tree", f"{found} levels", f"at most {MOST_LEVELS}")
+    found = [0]
+    for parent in made.parents[1:].tolist():  # a parent comes before its children
+        found.append(found[parent] + 1)
+    depths = np.array(found, np.int32)
+    if (levels := int(depths.max()) + 1) > MOST_LEVELS:
+        raise FormatError(f"{where}: tree", f"{levels} levels", f"at most {MOST_LEVELS}")
     order = _breadth_first(made.parents, depths)
     ranges = made.ranges[order]
     counts = np.bincount(made.parents[1:], minlength=len(order))[order].astype(np.int32)
@@ -80,7 +80,7 @@ def table_of(where: str, nodes: LodNodes, sizes: RangeSizes) -> NodeTable:
         proxies=proxies,
         residents=np.zeros(len(order), np.int64),
     )
-    low, high = _boxes(nodes, sizes, ranges, table.parents())
+    low, high = _boxes(nodes, sizes, ranges, table.parents(), depths[order])
     table.low[:], table.high[:] = rounded(low, -np.inf), rounded(high, np.inf)
     table.errors[:] = nested(errors, table)
     return table
@@ -140,7 +140,9 @@ def _breadth_first(parents: I32, depths: I32) -> I64:
     return np.concatenate(found)
 
 
-def _boxes(nodes: LodNodes, sizes: RangeSizes, ranges: I64, parents: I32) -> tuple[F64, F64]:
+def _boxes(
+    nodes: LodNodes, sizes: RangeSizes, ranges: I64, parents: I32, depths: I32
+) -> tuple[F64, F64]:
     """Return boxes around the splats of each node and of all below it.
 
     The box of a node of the file is around the ellipsoids of one standard deviation. So none of
@@ -157,10 +159,10 @@ def _boxes(nodes: LodNodes, sizes: RangeSizes, ranges: I64, parents: I32) -> tup
     half = np.where(is_given, 0.5 * (far - near), np.inf)
     margin = REACH * np.minimum(sizes.largest[mine][:, None], half)
     low[full], high[full] = near - margin, far + margin
-    for node in range(len(ranges) - 1, 0, -1):  # a child comes after its parent
-        above = parents[node]
-        np.minimum(low[above], low[node], out=low[above])
-        np.maximum(high[above], high[node], out=high[above])
+    for depth in range(int(depths.max()), 0, -1):
+        level = np.flatnonzero(depths == depth)
+        np.minimum.at(low, parents[level], low[level])
+        np.maximum.at(high, parents[level], high[level])
     for node in np.flatnonzero(~np.isfinite(low[:, 0])).tolist():  # nothing below
         inside = low[parents[node]] if parents[node] >= 0 else np.zeros(3)
         low[node] = high[node] = inside

@@ -12,7 +12,7 @@ from usdsplat.core.cloud import SplatCloud
 from usdsplat.core.node_cuts import NodeCut, level_cut
 from usdsplat.render.specs import View
 from usdsplat.schema.tree import Tree
-from usdsplat.schema.tree_cuts import cut_rasterize_mode, cut_within, read_cut
+from usdsplat.schema.tree_cuts import check_chunks, cut_rasterize_mode, cut_within, read_cut
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -80,3 +80,11 @@ class TreeReading:
             StageError: If a chunk is missing, cannot be read, or does not have these rows.
         """
         return read_cut(self.prim, self.tree, self.cut)
+
+    def check_chunks(self) -> None:
+        """Check that the chunks have the splats, without reading them.
+
+        Raises:
+            StageError: If a chunk is missing, cannot be read, or does not have these rows.
+        """
+        check_chunks(self.prim, self.tree, self.cut)

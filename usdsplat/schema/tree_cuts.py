@@ -53,9 +53,8 @@ def read_cut(prim: Usd.Prim, tree: Tree, cut: NodeCut) -> SplatCloud:
     Raises:
         StageError: If a chunk is missing, cannot be read, or does not have these rows.
     """
-    rows = cut.rows(tree.table)
-    _check_chunks(prim, tree, rows)
-    return read_rows(tree.chunks, rows, tree.degree)
+    check_chunks(prim, tree, cut)
+    return read_rows(tree.chunks, cut.rows(tree.table), tree.degree)
 
 
 def read_rows(
@@ -88,10 +87,13 @@ def read_rows(
     return cloud
 
 
-def _check_chunks(prim: Usd.Prim, tree: Tree, rows: list[tuple[int, int, int]]) -> None:
-    """Raise an error if a chunk lacks rows, before memory for all of them is allocated."""
+def check_chunks(prim: Usd.Prim, tree: Tree, cut: NodeCut) -> None:
+    """Check that the chunks have the splats of a cut, before memory for all of them is allocated.
+
+    Args and errors are those of `read_cut`.
+    """
     needed: dict[int, int] = {}
-    for chunk, first, count in rows:
+    for chunk, first, count in cut.rows(tree.table):
         needed[chunk] = max(needed.get(chunk, 0), first + count)
     for chunk, count in needed.items():
         path = tree.chunks[chunk]

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from usdsplat.core.node_table import NESTED, NodeTable, check_nodes
+from usdsplat.core.node_table import NESTED, NodeTable, check_nodes, nested
 from usdsplat.interchange.lod.measuring import splats_below
-from usdsplat.interchange.lod.tables import nested
 
 # 0 -> 1, 2; 1 -> 3, 4; 4 -> 5
 FIRST, COUNT = [1, 3, 0, 0, 5, 0], [2, 2, 0, 0, 1, 0]

@@ -50,7 +50,12 @@ class EncodedSog:
 
 
 def encode(
-    target: str, cloud: SplatCloud, *, antialiased: bool, told: Callable[[int], None]
+    target: str,
+    cloud: SplatCloud,
+    *,
+    antialiased: bool,
+    told: Callable[[int], None],
+    sort: bool = True,
 ) -> EncodedSog:
     """Encode splats.
 
@@ -59,13 +64,14 @@ def encode(
         cloud: Finite splats; ids and velocities are not stored.
         antialiased: Whether the splats are meant for the antialiased projection.
         told: Receives the number of finished splats from time to time.
+        sort: Whether to sort them in Morton order; else they keep theirs.
 
     Raises:
         OutputError: If there are more splats than an image can have pixels.
     """
     if len(cloud) > webp.LONGEST_SIDE**2:
         raise OutputError(target, f"{len(cloud)} splats", f"at most {webp.LONGEST_SIDE**2}")
-    order = morton.order(cloud.positions)
+    order = morton.order(cloud.positions) if sort else np.arange(len(cloud))
     images: dict[str, Codes] = {}
     sections: dict[str, Any] = {
         "version": 2,

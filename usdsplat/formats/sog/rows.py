@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 import threading
 from collections import OrderedDict
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from usdsplat.core.cloud import SplatCloud
@@ -12,7 +14,7 @@ from usdsplat.core.errors import FormatError
 from usdsplat.formats.cloud_builder import CloudBuilder
 from usdsplat.formats.options import READ_OPTIONS
 from usdsplat.formats.sog.decoding import SogCodes, read_codes, survey
-from usdsplat.formats.sog.files import open_sog
+from usdsplat.formats.sog.files import SogFiles, open_sog
 from usdsplat.formats.sog.meta import META
 
 HELD = 128 << 20
@@ -31,10 +33,10 @@ def count_and_degree(path: str) -> tuple[int, int]:
     """Return the number of splats of a SOG, and the degree of its harmonics; no splat is decoded.
 
     Raises:
-        FormatError: If its metadata is invalid.
+        FormatError: If it is no regular file, or its metadata is invalid.
         OSError: If it cannot be read.
     """
-    with open_sog(Path(path)) as files:
+    with _opened(path) as files:
         sog = survey(files)
         return sog.meta.count, sog.degree
 
@@ -43,11 +45,24 @@ def file_bytes(path: str) -> int:
     """Return the size of an archive, or of all files in the folder of a `meta.json` [byte].
 
     Raises:
-        FormatError: If the archive is damaged.
+        FormatError: If it is no regular file, or the archive is damaged.
         OSError: If it cannot be read.
     """
-    with open_sog(Path(path)) as files:
+    with _opened(path) as files:
         return files.total_bytes
+
+
+@contextmanager
+def _opened(path: str) -> Iterator[SogFiles]:
+    """Open a SOG that a stage names.
+
+    Raises:
+        FormatError: If it is no regular file: to open a pipe would wait for ever.
+    """
+    if not os.path.isfile(path):
+        raise FormatError(path, "no regular file", "a SOG file")
+    with open_sog(Path(path)) as files:
+        yield files
 
 
 class SogRows:
@@ -96,7 +111,7 @@ class SogRows:
                 if key in self._held:
                     self._held.move_to_end(key)
                     return self._held[key]
-            with open_sog(Path(path)) as files:
+            with _opened(path) as files:
                 codes = read_codes(survey(files))
             with self._lock:
                 self._held[key] = codes

@@ -11,6 +11,8 @@ from usdsplat.interchange.lod.options import LodOptions
 from usdsplat.interchange.lod.ply_source import PlySource
 from usdsplat.interchange.lod.sources import CaptureSource, Source
 from usdsplat.interchange.lod.stage_source import StageSource
+from usdsplat.interchange.lod.streamed_source import StreamedSource
+from usdsplat.interchange.streamed import is_streamed
 
 
 def open_source(path: Path, options: LodOptions) -> Source:
@@ -23,5 +25,7 @@ def open_source(path: Path, options: LodOptions) -> Source:
     """
     if is_usd(path):
         return StageSource(path, options)
+    if options.reading.lod == 0 and is_streamed(path):
+        return StreamedSource(path, options)
     count = ply.count_splats(path) if formats.find(path) is ply else None
     return CaptureSource(path, options) if count is None else PlySource(path, count, options)

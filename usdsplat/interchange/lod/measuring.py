@@ -17,13 +17,12 @@ import numpy as np
 
 from usdsplat.core.cloud import F32, F64, I32, I64, SplatCloud
 from usdsplat.core.node_cuts import heights
-from usdsplat.core.node_table import NESTED, NodeTable
+from usdsplat.core.node_table import NESTED, NodeTable, nested
 from usdsplat.core.progress import Progress
 from usdsplat.interchange.lod import chunks, levels
 from usdsplat.interchange.lod.chunks import chunk_name, joined, read_chunk
 from usdsplat.interchange.lod.pictures import Comparison, Pair
 from usdsplat.interchange.lod.sources import splat_bytes
-from usdsplat.interchange.lod.tables import nested
 from usdsplat.kernels.device import Device
 from usdsplat.render.specs import RasterizeMode
 

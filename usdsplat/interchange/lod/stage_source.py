@@ -1,4 +1,4 @@
-"""Read the visible fields of a stage in parts, in world space."""
+"""Read the visible fields and splat trees of a stage in parts, in world space."""
 
 from __future__ import annotations
 
@@ -16,38 +16,39 @@ from usdsplat.core.errors import StageError, UsdSplatError
 from usdsplat.core.findings import Finding
 from usdsplat.core.progress import Progress
 from usdsplat.interchange import files
-from usdsplat.interchange.appearances import appearances
+from usdsplat.interchange.appearances import Appearance, appearances
 from usdsplat.interchange.decimating import FAR_LINES, framing_pixel
 from usdsplat.interchange.exporting import unknown_color_spaces
 from usdsplat.interchange.lod.options import LodOptions
 from usdsplat.interchange.lod.sources import check_memory, splat_bytes
 from usdsplat.interchange.lod.survey import SAMPLED, Survey, core_box
+from usdsplat.interchange.lod.tree_rows import TreeRows
 from usdsplat.interchange.options import StageReading
 from usdsplat.interchange.outliers import weighted_median
 from usdsplat.interchange.placement import stage_frame
+from usdsplat.interchange.tree_reading import TreeReading
 from usdsplat.interchange.unapplied import unapplied
 from usdsplat.schema import attributes, packing, registration, tokens
 from usdsplat.schema.composition import composition_findings
-from usdsplat.schema.tree import is_tree
 
 _BLOCK = 1 << 20  # centres transformed at a time
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class _Part:
-    """A field at one of the places where it appears."""
+    """A field or a tree at one of the places where it appears."""
 
-    prim: Usd.Prim
+    item: Appearance
     to_world: F64
     """Shape (4, 4)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class _Fields:
-    """The visible fields of an open stage."""
+    """The visible fields and trees of an open stage."""
 
     stage: Usd.Stage
-    prims: tuple[Usd.Prim, ...]
+    items: tuple[Appearance, ...]
     parts: tuple[_Part, ...]
     notes: tuple[str, ...]
 
@@ -57,32 +58,41 @@ class _Fields:
         stage = files.open_stage(path)
         found, notes = appearances(stage, StageReading(time=options.time))
         for item in found:
-            if is_tree(item.prim):
-                where = f"{path} {item.prim.GetPath()}"
-                raise StageError(
-                    where, "a splat tree", "splat fields, such as those it is built of"
-                )
+            if item.trees:
+                item.trees[0].check_chunks()  # the same for all places
+                if not len(item.trees[0]):
+                    where = f"{path} {item.prim.GetPath()}"
+                    raise StageError(where, "a splat tree without splats", "at least one")
         return cls(
             stage=stage,
-            prims=tuple(item.prim for item in found),
-            parts=tuple(_Part(prim=a.prim, to_world=m) for a in found for m in a.to_world),
+            items=tuple(found),
+            parts=tuple(_Part(item=a, to_world=m) for a in found for m in a.to_world),
             notes=tuple(notes),
         )
 
+    @property
+    def prims(self) -> list[Usd.Prim]:
+        """The prims of the fields and trees."""
+        return [item.prim for item in self.items]
+
 
 class StageSource:
-    """The visible fields of a stage; packed fields are decoded in parts.
+    """The visible fields and trees of a stage. Packed fields are decoded in parts; of trees, only
+    leaves and residents are read, in parts.
 
     Raises:
-        StageError: If the stage cannot be opened, or has no visible field.
+        StageError: If the stage cannot be opened, or has no visible field or tree, or a chunk of a
+            tree is missing or does not fit it.
     """
 
     def __init__(self, path: Path, options: LodOptions) -> None:
         self.path = path
         self._options = options
         self._opened: _Fields | None = None
-        self._read: tuple[Usd.Prim, _FieldRows] | None = None
-        self.files: tuple[Path, ...] = tuple(files.layer_files(self._fields.stage))
+        self._read: tuple[Appearance, _FieldRows | _TreeField] | None = None
+        fields = self._fields
+        chunks = (Path(each) for item in fields.items for each in item.chunk_files if each)
+        self.files: tuple[Path, ...] = (*files.layer_files(fields.stage), *chunks)
 
     @property
     def _fields(self) -> _Fields:
@@ -92,20 +102,20 @@ class StageSource:
         return self._opened
 
     def survey(self, progress: Progress) -> Survey:
-        """Read the centres of all fields, and a sample of their splats."""
+        """Read the centres of all fields and trees, and a sample of their splats."""
         stage, parts, prims = self._fields.stage, self._fields.parts, self._fields.prims
         counts, degrees, pixels = [], [], []
         boxes: list[tuple[F64, F64]] = []
         sampled: list[SplatCloud] = []
         for done, part in enumerate(parts):
             progress.step("reading fields", done, len(parts))
-            field = self._field(part.prim)
-            few = field.rows(slice(0, field.count, max(1, field.count // SAMPLED)))
+            field = self._field(part.item)
+            few, around = field.sample(part.to_world)
             few = edit.prune(_placed(part, few, np.eye(4)))
             counts.append(field.count)
             degrees.append(few.sh_degree)
             pixels.append(_pixel(part, few))
-            boxes += field.boxes(part.to_world)
+            boxes += around
             sampled.append(few)
         progress.step("reading fields", len(parts), len(parts))
         low, high, core = np.zeros(3), np.zeros(3), (np.zeros(3), np.zeros(3))
@@ -146,7 +156,7 @@ class StageSource:
     def rows(self, part: int, first: int, last: int, matrix: F64) -> SplatCloud:
         """Return some splats of a field at one of its places."""
         found = self._fields.parts[part]
-        own = self._field(found.prim).rows(slice(first, last))
+        own = self._field(found.item).rows(slice(first, last))
         return _placed(found, own, matrix)
 
     def findings(self) -> list[Finding]:
@@ -158,12 +168,36 @@ class StageSource:
         """Close the stage: what is read of its files stays in memory with it."""
         self._opened = self._read = None
 
-    def _field(self, prim: Usd.Prim) -> _FieldRows:
-        """Return the reader of a field; that of the last field is kept."""
-        if self._read is None or self._read[0] != prim:
+    def _field(self, item: Appearance) -> _FieldRows | _TreeField:
+        """Return the reader of a field or a tree; the last one is kept."""
+        if self._read is None or self._read[0] is not item:
             self._read = None
-            self._read = (prim, _FieldRows(prim, self._options))
+            tree = item.trees[0] if item.trees else None
+            reader = _FieldRows(item.prim, self._options) if tree is None else _TreeField(tree)
+            self._read = item, reader
         return self._read[1]
+
+
+class _TreeField:
+    """Reader of the splats of a tree, in its own coordinates."""
+
+    def __init__(self, reading: TreeReading) -> None:
+        tree = reading.tree
+        self._rows = TreeRows(tree.table, tree.chunks, tree.degree)
+        self.count = self._rows.count
+        """Number of splats."""
+
+    def rows(self, rows: slice) -> SplatCloud:
+        """Return some splats that follow each other."""
+        return self._rows.rows(rows.start, rows.stop)
+
+    def sample(self, matrix: F64) -> tuple[SplatCloud, list[tuple[F64, F64]]]:
+        """Return some splats, and boxes around all centres in the world."""
+        few, boxes = [], []
+        for some, centres in self._rows.sample():
+            few.append(some)
+            boxes += _world_boxes(centres, matrix)
+        return edit.merge(few), boxes
 
 
 class _FieldRows:
@@ -215,22 +249,23 @@ class _FieldRows:
         part = replace(arrays, core=arrays.core[rows], harmonics=harmonics.reshape(-1, 4))
         return packing.unpack(self.positions[rows], part)
 
-    def boxes(self, matrix: F64) -> list[tuple[F64, F64]]:
-        """Return the box around the centres in the world, or nothing if there is none."""
-        found = []
-        for first in range(0, self.count, _BLOCK):
-            here = self.positions[first : first + _BLOCK]
-            points = here[np.isfinite(here).all(axis=1)] @ matrix[:3, :3].T + matrix[:3, 3]
-            if len(points):
-                found.append((points.min(axis=0), points.max(axis=0)))
-        if not found:
-            return []
-        return [(np.min([b[0] for b in found], axis=0), np.max([b[1] for b in found], axis=0))]
+    def sample(self, matrix: F64) -> tuple[SplatCloud, list[tuple[F64, F64]]]:
+        """Return some splats, and boxes around all centres in the world."""
+        few = self.rows(slice(0, self.count, max(1, self.count // SAMPLED)))
+        blocks = range(0, self.count, _BLOCK)
+        centres = (self.positions[first : first + _BLOCK] for first in blocks)
+        return few, [box for here in centres for box in _world_boxes(here, matrix)]
 
     @cached_property
     def _whole(self) -> SplatCloud:
         """The decoded field."""
         return schema.fetch(self._prim, self._time)
+
+
+def _world_boxes(centres: F32, matrix: F64) -> list[tuple[F64, F64]]:
+    """Return the box around the finite centres in the world, or nothing if there is none."""
+    points = centres[np.isfinite(centres).all(axis=1)] @ matrix[:3, :3].T + matrix[:3, 3]
+    return [(points.min(axis=0), points.max(axis=0))] if len(points) else []
 
 
 def _placed(part: _Part, own: SplatCloud, matrix: F64) -> SplatCloud:
@@ -239,7 +274,7 @@ def _placed(part: _Part, own: SplatCloud, matrix: F64) -> SplatCloud:
     Raises:
         StageError: If the transform is not finite, or float32 cannot hold the result.
     """
-    where, total = str(part.prim.GetPath()), matrix @ part.to_world
+    where, total = str(part.item.prim.GetPath()), matrix @ part.to_world
     if not np.isfinite(total).all():
         raise StageError(where, "a transform that is not finite", "finite numbers")
     placed = edit.transform(own, total)
@@ -255,8 +290,8 @@ def _pixel(part: _Part, few: SplatCloud) -> float:
 
 
 def _footprint(part: _Part) -> float | None:
-    """Return the authored footprint of a field in the world; None if it has none."""
-    authored = schema.footprint(part.prim)
+    """Return the authored footprint of a field or tree in the world; None if it has none."""
+    authored = schema.footprint(part.item.prim)
     if authored is None:
         return None
     return float(authored * np.cbrt(abs(np.linalg.det(part.to_world[:3, :3]))))

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from usdsplat.core.cloud import F32, F64
-from usdsplat.core.node_table import NESTED, NodeTable
+from usdsplat.core.cloud import F64
+from usdsplat.core.node_table import NodeTable, rounded
 from usdsplat.interchange.lod.chunks import ChunkNodes, chunk_name, read_nodes
 from usdsplat.interchange.lod.nodes import chunk_numbers
 from usdsplat.interchange.lod.partition import Branch
@@ -49,24 +49,3 @@ def assemble(root: Branch, folder: Path) -> tuple[NodeTable, F64]:
         residents=np.concatenate([each.residents for each in found]),
     )
     return table, sizes
-
-
-def nested(errors: F64, table: NodeTable) -> F32:
-    """Return errors of which each is at least NESTED times those of the node's children, and above
-    0 for an inner node."""
-    parents, found = table.parents(), errors.astype(np.float64)
-    smallest = np.finfo(np.float32).tiny
-    for node in range(len(table) - 1, -1, -1):
-        if table.child_count[node]:
-            found[node] = max(found[node], smallest)
-        if node:
-            least = NESTED * (1 + 1e-6) * found[node]
-            found[parents[node]] = max(found[parents[node]], least)
-    return found.astype(np.float32)
-
-
-def rounded(corners: F64, away: float) -> F32:
-    """Return corners in single precision, rounded outwards: to -inf or inf, as `away` says."""
-    near = corners.astype(np.float32)
-    inside = near > corners if away < 0 else near < corners
-    return np.where(inside, np.nextafter(near, np.float32(away)), near).astype(np.float32)
