@@ -18,6 +18,9 @@ from usdsplat.kernels import project
 from usdsplat.render.fields import Drawn, Field
 from usdsplat.render.splat_budget import SplatSubset, shares
 
+ELEMENT_IDS = 1 << 31
+"""Number of element ids, which pictures have as 32-bit integers."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Group:
@@ -118,8 +121,10 @@ def draw_list(drawn: Sequence[Drawn], others: Iterable[str] = (), *, budget: int
             first_slots.append(slot + span * np.arange(i + 1 - begin, dtype=np.int64))
             slot += groups[-1].slots
             begin = i + 1
-    most = int(np.iinfo(np.int32).max)
-    elements = [field.first_element & most for _, field, _ in drawn]
+    # ids of trees with more splats repeat, but are never negative, which is nothing
+    elements = [
+        field.first_element % (ELEMENT_IDS + 1 - len(field.spec.cloud)) for _, field, _ in drawn
+    ]
     starts = [g.slot + g.block * np.arange(g.all_blocks, dtype=np.int64) for g in groups]
     nothing = np.empty(0, np.int64)
     return DrawList(
