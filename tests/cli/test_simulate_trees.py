@@ -132,10 +132,12 @@ def test_the_lod_root_of_a_tree_is_hidden_and_the_tree_returns_with_a_muted_bake
     before = picture(tree, 2)
     target = baked(run, tree, "--force")
     np.testing.assert_array_equal(picture(target, 2), plain)
+    samples = Sdf.Layer.FindOrOpen(str(tree.parent / "tree_bake_data" / "samples.usdc"))
+    assert not samples.GetPrimAtPath("/tree/coarse/lod0")  # its items are not simulated
     result = Usd.Stage.Open(str(target))
     root = UsdGeom.Imageable(result.GetPrimAtPath("/tree/coarse"))
     assert root.ComputeVisibility() == UsdGeom.Tokens.invisible
-    result.MuteLayer(str(tree.parent / "tree_bake_data" / "samples.usdc"))
+    result.MuteLayer(samples.identifier)
     assert schema.is_tree(result.GetPrimAtPath(TREE))
     with Engine(result, device="cpu", time=2) as engine:
         view = engine.view("/Camera", resolution=(64, 48))
@@ -173,6 +175,15 @@ def test_a_cut_that_cannot_be_had_is_one_sentence(run, tree, flags, said):
     status, out, err = run("simulate", tree, "-o", target, *FRAMES, *flags)
     assert (status, out) == (2, "") and said in err and err.count("\n") == 1, err
     assert not target.exists()
+
+
+def test_a_cut_of_a_stage_without_a_tree_is_one_sentence(run, tree):
+    """Oracle: by hand."""
+    field = cut_as_field(tree, TreeChoice())
+    for flag in ("--lod", "--max-splats"):
+        status, _, err = run("simulate", field, "-o", tree.with_name("b.usda"), *FRAMES, flag, "1")
+        said = f"{flag}: found a stage without a simulated splat tree, expected one with a tree"
+        assert (status, err) == (2, f"usdsplat: {said}\n")
 
 
 def test_a_missing_chunk_is_one_sentence_and_validate_says_the_same(run, tree):

@@ -12,6 +12,7 @@ from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdLux, Vt
 
 from tests.cli.conftest import ball
 from tests.products.mutated_stages import base
+from tests.trees import little_tree
 from usdsplat import schema
 
 DATA = Path(__file__).parents[1] / "data" / "v0_6_0"
@@ -52,13 +53,15 @@ ARCS = ("", "./stage.usda", "./missing.usda", "./other.usda", "./broken.usda")
 
 
 def sources(folder: Path) -> list[Path]:
-    """Write valid stages: one with a product, one with instances and points, and those of 0.6."""
+    """Write valid stages: one with a product, one with instances and points, one with a splat tree,
+    and those of 0.6."""
     found = [folder / "product.usda", folder / "instances.usda"]
     stage = base(found[0])
     schema.author(stage, "/W/Packed/F", ball(12), form="packed")
     schema.author_grade(stage.GetPrimAtPath("/W"), exposure=0.5)
     stage.Save()
     _instances(found[1]).Save()
+    found.append(little_tree(folder, ball(40)))
     for path in sorted(DATA.glob("*.usd*")):
         layer = Sdf.Layer.FindOrOpen(str(path))
         found.append(folder / f"{path.stem}_0_6.usda")
@@ -108,6 +111,7 @@ def mutated(seed: int, originals: list[Path], folder: Path) -> Path:
     rng = random.Random(seed)
     path, source = folder / "stage.usda", rng.choice(originals)
     shutil.copy(originals[0], folder / "other.usda")
+    shutil.copytree(originals[0].parent / "tree_chunks", folder / "tree_chunks")
     (folder / "broken.usda").write_text('#usda 1.0\ndef Xform "W" {\n')
     layer = Sdf.Layer.CreateAnonymous(".usda")
     layer.TransferContent(Sdf.Layer.FindOrOpen(str(source)))

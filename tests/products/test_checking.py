@@ -8,6 +8,7 @@ import math
 import pytest
 from pxr import UsdRender
 
+from tests.cli.tree_mutations import mutated_tree
 from tests.products.mutated_stages import MUTATIONS, base, mutated
 from usdsplat.core.findings import Findings, finding
 from usdsplat.products import checking
@@ -16,7 +17,7 @@ from usdsplat.products.checking import check_stage
 pytestmark = pytest.mark.usefixtures("compiled")
 
 FLAGS = ("--device", "cpu", "--frames", "1-2", "--json")
-COUNT = 200
+COUNT, FEW = 200, 40
 
 
 @pytest.mark.parametrize(
@@ -31,8 +32,24 @@ def test_whatever_render_says_validate_says(run, tmp_path, seed):
     `validate`, and so is the sentence with which it stops. Every kind of mistake occurs alone or
     with others."""
     path = tmp_path / "shot.usda"
-    names = mutated(path, seed)
-    status, out, err = run("render", path, "-o", tmp_path / "a.####.exr", *FLAGS)
+    check_contract(run, path, mutated(path, seed))
+
+
+@pytest.mark.parametrize(
+    "seed",
+    [
+        *range(FEW),
+        *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(FEW, COUNT)),
+    ],
+)
+def test_whatever_render_says_of_a_tree_validate_says(run, tmp_path, seed):
+    """Oracle: as above, on splat trees with damaged tables and chunks."""
+    check_contract(run, mutated_tree(seed, tmp_path), [str(seed)])
+
+
+def check_contract(run, path, names):
+    """Check that `validate` says what `render` says of a stage with the named mistakes."""
+    status, out, err = run("render", path, "-o", path.with_name("a.####.exr"), *FLAGS)
     _, told, complaint = run("validate", path, "--json")
     assert complaint == "", names
     findings = json.loads(told)["findings"]

@@ -142,7 +142,7 @@ def _bake(options: Options, source: Path, target: Path, reporter: Reporter) -> i
         raise UsageError("--output", repr(str(target)), "a file")
     stage = open_stage(source, options.stage_opening, reporter)
     check_not_input(target, layer_files(stage))
-    for text in (*_tree_overrides(options), *options.overrides):
+    for text in (*_tree_overrides(options, stage), *options.overrides):
         override(stage, text)
     announce = reporter.announce_compilation(
         "compiling kernels, once for each kind of simulation; it takes up to a minute"
@@ -166,17 +166,25 @@ def _bake(options: Options, source: Path, target: Path, reporter: Reporter) -> i
     return 0
 
 
-def _tree_overrides(options: Options) -> tuple[str, ...]:
+def _tree_overrides(options: Options, stage: Usd.Stage) -> tuple[str, ...]:
     """Return the assignments of the flags that choose a cut of splat trees."""
-    if options.lod is not None:
-        if options.lod < 0:
-            raise UsageError("--lod", str(options.lod), "a level, 0 the finest")
-        return (f"sim:treeLevel={options.lod}",)
-    if options.max_splats is not None:
-        if options.max_splats < 1:
-            raise UsageError("--max-splats", str(options.max_splats), "at least 1")
-        return ("sim:treeLevel=-1", f"sim:treeSplats={options.max_splats}")
-    return ()
+    from usdsplat.schema import is_tree
+    from usdsplat.sim.stage.collections import find_simulations, splats
+
+    level, most = options.lod, options.max_splats
+    if level is None and most is None:
+        return ()
+    if level is not None and level < 0:
+        raise UsageError("--lod", str(level), "a level, 0 the finest")
+    if most is not None and most < 1:
+        raise UsageError("--max-splats", str(most), "at least 1")
+    simulated = (prim for each in find_simulations(stage) for prim in splats(stage, each)[0])
+    if not any(map(is_tree, simulated)):
+        flag = "--max-splats" if level is None else "--lod"
+        raise UsageError(flag, "a stage without a simulated splat tree", "one with a tree")
+    if level is not None:
+        return (f"sim:treeLevel={level}",)
+    return ("sim:treeLevel=-1", f"sim:treeSplats={most}")
 
 
 def _existing(options: Options) -> Existing:

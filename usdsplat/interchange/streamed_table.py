@@ -19,7 +19,7 @@ from usdsplat.formats.sog.lod_nodes import LodNodes
 
 ERROR = 2.8
 """Error of a level relative to the typical size of its splats: the geometric mean of the six coarse
-levels of one capture, by the measure of `interchange.lod.pictures`."""
+levels of one leaf of a capture, by the measure of `interchange.lod.pictures`."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

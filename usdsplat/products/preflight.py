@@ -55,6 +55,7 @@ def of_picture(engine: Engine, plan: PicturePlan, camera: CameraSpec) -> Iterato
     for found in (remarks.no_blur(plan, camera), remarks.wide_lens(plan, camera)):
         if found is not None:
             yield found
+    yield from remarks.repeated_ids(engine, plan)
 
 
 def findings_of(

@@ -6,10 +6,11 @@ from collections.abc import Collection, Iterable, Iterator
 from pathlib import Path
 
 from usdsplat.core.findings import Finding, finding
-from usdsplat.core.wording import said_bytes
+from usdsplat.core.wording import counted, said_bytes
 from usdsplat.delegate.engine import Engine
 from usdsplat.products.deep import DeepReport
 from usdsplat.products.request import PicturePlan
+from usdsplat.render.draw_list import ELEMENT_IDS
 from usdsplat.render.frame_stats import FrameStats
 from usdsplat.render.sampling import has_lens
 from usdsplat.render.settings import RenderSettings, usd_names
@@ -63,6 +64,18 @@ def wide_lens(plan: PicturePlan, camera: CameraSpec) -> Finding | None:
         return None
     found = f"a lens {width:.3g} wide, focused at {camera.focus_distance:.3g}"
     return finding("wide-lens", camera.path, found, "a lens of at most a tenth of that distance")
+
+
+def repeated_ids(engine: Engine, plan: PicturePlan) -> Iterator[Finding]:
+    """Yield a finding on each drawn splat tree whose splats and proxies are more than the element
+    ids of a picture that has them."""
+    if "elementId" not in plan.aovs:
+        return
+    for path, tree in engine.render_scene.drawn_trees():
+        table = tree.spec.table
+        count = int(table.proxies.sum() + table.residents.sum())
+        if count > ELEMENT_IDS:
+            yield finding("repeated-ids", path, counted(count, "splat"), f"at most {ELEMENT_IDS}")
 
 
 def what_is_forced(plan: PicturePlan) -> str:

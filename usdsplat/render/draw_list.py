@@ -18,6 +18,9 @@ from usdsplat.render.fields import Drawn, Field
 from usdsplat.render.specs import InstanceSpec
 from usdsplat.render.splat_budget import SplatSubset, shares
 
+ELEMENT_IDS = 1 << 31
+"""Number of element ids, which pictures have as 32-bit integers."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Placements:
@@ -203,8 +206,11 @@ def laid_out(
     prims = {path: number for number, path in enumerate(paths)}
     labels = [(prims[each.path], each.index) for each in instances]
     sizes, sides, along, slots = np.array(shapes, np.int64).reshape(-1, 4).T
-    most = int(np.iinfo(np.int32).max)
-    elements = np.array([field.first_element & most for field in fields], np.int32)
+    # ids of trees with more splats repeat, but are never negative, which is nothing
+    elements = np.array(
+        [field.first_element % (ELEMENT_IDS + 1 - len(field.spec.cloud)) for field in fields],
+        np.int32,
+    )
     return DrawList(
         groups=tuple(groups),
         placements=placements,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from pxr import Gf, Usd, UsdGeom, Vt
@@ -50,6 +52,29 @@ def test_a_stage_is_read_in_parts(tmp_path, form):
         np.testing.assert_allclose(getattr(found, name), getattr(expected, name), atol=1e-6)
     np.testing.assert_allclose(told.low, expected.positions.min(axis=0), atol=1e-6)
     np.testing.assert_allclose(told.high, expected.positions.max(axis=0), atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("names", "notes"),
+    [
+        ((), ()),
+        (("ids",), ("ids of fields are not kept",)),
+        (("ids", "velocities"), ("ids and velocities of fields are not kept",)),
+    ],
+)
+@pytest.mark.parametrize("form", ["packed", "float"])
+def test_ids_and_velocities_that_are_not_kept_are_one_note(tmp_path, names, notes, form):
+    """Oracle: by hand; two fields have them, a third has none."""
+    path = tmp_path / "s.usda"
+    stage = Usd.Stage.CreateNew(str(path))
+    cloud = ground(50)
+    both = {"ids": np.arange(50), "velocities": np.ones((50, 3), np.float32)}
+    for name in ("/a", "/b"):
+        with_both = replace(cloud, **{each: both[each] for each in names})
+        schema.author(stage, name, with_both, form=form, time=1.0)
+    schema.author(stage, "/c", cloud, form=form)
+    stage.GetRootLayer().Save()
+    assert open_source(path, LodOptions(time=1.0)).survey(silent).notes == notes
 
 
 def test_an_authored_footprint_is_the_pixel(tmp_path):

@@ -122,6 +122,13 @@ CODES: dict[str, Code] = {
         "a camera has a shutter or a lens, but one sample shows no blur",
         "render with several samples, for example --samples 64",
     ),
+    "repeated-ids": Code(
+        "warning",
+        "a picture has the element ids of a splat tree with more splats and proxies than ids of 32 "
+        "bits",
+        "divide the tree, or tell splats apart by primId and instanceId only",
+        "some splats of the tree have the same id",
+    ),
     "outside-range": Code(
         "note",
         "a frame to draw is outside of the range from the stage's startTimeCode to its endTimeCode",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -148,7 +149,12 @@ class StageSource:
             color_space=spaces[0],
             format="USD",
             error_bounds={},
-            notes=(*self._fields.notes, *unknown_color_spaces(prims), *_mixed(spaces)),
+            notes=(
+                *self._fields.notes,
+                *unknown_color_spaces(prims),
+                *_mixed(spaces),
+                *_dropped_arrays(prims),
+            ),
         )
         self.release()
         return survey
@@ -295,6 +301,16 @@ def _footprint(part: _Part) -> float | None:
     if authored is None:
         return None
     return float(authored * np.cbrt(abs(np.linalg.det(part.to_world[:3, :3]))))
+
+
+def _dropped_arrays(prims: Sequence[Usd.Prim]) -> list[str]:
+    """Return a note if fields have ids or velocities, which a tree does not keep."""
+    found = [
+        name
+        for name in (tokens.IDS, tokens.VELOCITIES)
+        if any((own := prim.GetAttribute(name)) and own.HasAuthoredValue() for prim in prims)
+    ]
+    return [f"{' and '.join(found)} of fields are not kept"] if found else []
 
 
 def _mixed(spaces: list[str]) -> list[str]:
