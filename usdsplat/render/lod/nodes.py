@@ -205,7 +205,7 @@ class PictureNodes:
         with proxies."""
         path, (node, _) = name
         seen = self._seen[path]
-        parent = int(seen.parents[node])
+        parent = int(seen.spec.table.parents()[node])
         if parent < 0 or not seen.spec.table.proxies[parent]:
             return False
         coarse[path].add(parent)
@@ -230,7 +230,7 @@ class PictureNodes:
         for (path, (node, _)), error in failed.items():
             tree = self._seen[path].tree
             tree.problems[int(tree.spec.table.chunk[node])] = error
-            parent = int(self._seen[path].parents[node])
+            parent = int(tree.spec.table.parents()[node])
             if parent < 0 or not tree.spec.table.proxies[parent] or parent in tree.closed:
                 tree.lost.add(node)
             else:
