@@ -11,7 +11,7 @@ from typing import Literal, TypeVar
 import numpy as np
 from pxr import Tf, Usd, UsdGeom
 
-from usdsplat.core.cloud import F64
+from usdsplat.core.cloud import F64, SplatCloud
 from usdsplat.core.errors import StageError, UsageError, UsdSplatError
 from usdsplat.core.findings import Finding, finding, from_error
 from usdsplat.delegate.dirty_bits import DirtyBits
@@ -145,6 +145,12 @@ class UsdSceneDelegate:
             for path in self._population.meshes:
                 self._index.tracker.mark(path, DirtyBits.DISPLAY_STYLE)
 
+    def update_chunk(self, path: str, node: int, cloud: SplatCloud | None) -> None:
+        """Implement `Engine.update_chunk`."""
+        self.apply_pending_updates()
+        self._chunks.update(path, self._population.fields.get(path), node, cloud)
+        self._index.tracker.mark(path, DirtyBits.PRIMVAR)
+
     def close(self) -> None:
         """Stop listening and release every prim."""
         self._notices.close()
@@ -240,10 +246,11 @@ class UsdSceneDelegate:
         self._remark("values", path, *wrong)
         return spec
 
-    def tree(self, path: str) -> TreeSpec | None:
+    def tree(self, path: str, bits: DirtyBits) -> TreeSpec | None:
         """Implement `SceneDelegate.tree`."""
         prim = self._population.fields[path].prim
-        return self._pull("tree", path, partial(self._chunks.read, path, prim, self.time), None)
+        read = partial(self._chunks.read, path, prim, bits, self.time)
+        return self._pull("tree", path, read, None)
 
     def mesh(self, path: str, bits: DirtyBits) -> MeshSpec | None:
         """Implement `SceneDelegate.mesh`."""

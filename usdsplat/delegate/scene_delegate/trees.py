@@ -10,14 +10,20 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, cast
 
+import numpy as np
 from pxr import Sdf, Tf, Usd
 
 from usdsplat import schema
-from usdsplat.core.cloud import SplatCloud
-from usdsplat.core.errors import StageError, UsdSplatError
+from usdsplat.core.cloud import F64, SplatCloud
+from usdsplat.core.errors import StageError, UsageError, UsdSplatError
+from usdsplat.core.extent import extent
 from usdsplat.core.findings import Finding
+from usdsplat.core.node_table import NodeTable
+from usdsplat.delegate.dirty_bits import DirtyBits
+from usdsplat.delegate.scene_delegate.population import RprimEntry
 from usdsplat.images.color import color_space
 from usdsplat.images.grade import grade_matrix
 from usdsplat.render.lod.tree import TreeSpec
@@ -44,13 +50,20 @@ class Chunks:
         self._changed: set[str] = set()
         self._edits: Counter[str] = Counter()
         self._of_trees: dict[str, Tree] = {}
+        self._live: dict[str, dict[int, _Live]] = {}
         self._tokens: dict[str, tuple[Any, ...]] = {}
         self._looked = 0.0
         """When the files were looked at [s]."""
         self._key: Any = None
 
-    def read(self, path: str, prim: Usd.Prim, at: float | None) -> TreeSpec:
+    def read(self, path: str, prim: Usd.Prim, bits: DirtyBits, at: float | None) -> TreeSpec:
         """Read the tree at `path`; its chunks are read when they are drawn.
+
+        Args:
+            path: Path of the tree.
+            prim: Its prim.
+            bits: What may have changed; TOPOLOGY stands for the table and the chunks' paths.
+            at: Time code of the grade.
 
         Raises:
             UsdSplatError: If the tree cannot be drawn.
@@ -58,15 +71,18 @@ class Chunks:
         if self._key is None:
             kind = Sdf.Notice.LayersDidChange
             self._key = Tf.Notice.RegisterGlobally(kind, self._collect)
-        tree = read_tree(prim)
-        self._of_trees[path] = tree
+        if bits & DirtyBits.TOPOLOGY:
+            self._of_trees.pop(path, None)
+        tree = self._tree(path, prim)
         tokens = {each: self._token(each) for each in tree.chunks}
         self._tokens |= tokens
-        space = tree.color_space
+        space = schema.color_space(prim)
         color_space(space, where=f"{prim.GetPath()} color space")
         mode, footprint = cast(RasterizeMode, schema.rasterize_mode(prim)), schema.footprint(prim)
+        live = self._live.get(path, {})
         return TreeSpec(
-            table=tree.table,
+            table=_grown(tree.table, live),
+            live={node: each.cloud for node, each in live.items()},
             chunks=tuple(tokens[each] for each in tree.chunks),
             load=_Loader(str(prim.GetPath()), tree.chunks),
             degree=tree.degree,
@@ -77,6 +93,31 @@ class Chunks:
             sorting_mode=cast(SortingMode, schema.sorting_mode(prim)),
             grade=grade_matrix(schema.grade(prim, at), space),
         )
+
+    def update(
+        self, path: str, entry: RprimEntry | None, node: int, cloud: SplatCloud | None
+    ) -> None:
+        """Set the live splats of a node of the tree at `path`, or remove them if `cloud` is None.
+
+        Raises:
+            UsageError: If there is no such node, or the cloud has another number of splats or
+                another degree than the node.
+            UsdSplatError: If there is no tree that can be drawn.
+        """
+        if entry is None or not entry.is_tree:
+            raise StageError(path, "no splat tree", "the path of one")
+        tree = self._tree(path, entry.prim)
+        if not 0 <= node < len(tree.table):
+            raise UsageError(f"node of {path}", str(node), f"0 to {len(tree.table) - 1}")
+        live = self._live.setdefault(path, {})
+        if cloud is None:
+            live.pop(node, None)
+            return
+        found = f"{len(cloud)} splats of degree {cloud.sh_degree}"
+        expected = f"{tree.table.sizes[node]} splats of degree {tree.degree}"
+        if found != expected:
+            raise UsageError(f"node {node} of {path}", found, expected)
+        live[node] = _Live(cloud, extent(cloud))
 
     def changed_trees(self) -> set[str]:
         """Return the paths of the trees of which a chunk has changed since they were read.
@@ -97,6 +138,7 @@ class Chunks:
     def keep(self, paths: Collection[str]) -> None:
         """Forget all trees but those at `paths`."""
         self._of_trees = {path: each for path, each in self._of_trees.items() if path in paths}
+        self._live = {path: each for path, each in self._live.items() if path in paths}
 
     def findings(
         self, path: str, prim: Usd.Prim, problems: Mapping[int, UsdSplatError]
@@ -121,6 +163,19 @@ class Chunks:
 
     # --- private ---------------------------------------------------------------------------
 
+    def _tree(self, path: str, prim: Usd.Prim) -> Tree:
+        """Return the tree at `path`; live splats that do not fit its table are removed."""
+        if path not in self._of_trees:
+            tree = self._of_trees[path] = read_tree(prim)
+            self._live[path] = {
+                node: each
+                for node, each in self._live.get(path, {}).items()
+                if node < len(tree.table)
+                and len(each.cloud) == tree.table.sizes[node]
+                and each.cloud.sh_degree == tree.degree
+            }
+        return self._of_trees[path]
+
     def _token(self, path: str) -> tuple[Any, ...]:
         """Return a token of a chunk's content: its path, file and number of edits."""
         try:
@@ -132,6 +187,29 @@ class Chunks:
     def _collect(self, notice: Any, sender: Any) -> None:
         with self._lock:
             self._changed.update(layer.realPath or layer.identifier for layer in notice.GetLayers())
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Live:
+    """Splats in memory that take the place of those of a node."""
+
+    cloud: SplatCloud
+    box: F64 | None
+    """Their extent, shape (2, 3); None without a finite splat."""
+
+
+def _grown(table: NodeTable, live: Mapping[int, _Live]) -> NodeTable:
+    """Return the table with boxes that contain the live splats; the same one if its boxes do."""
+    low, high, parents = table.low.copy(), table.high.copy(), table.parents()
+    for node, each in live.items():
+        at = node
+        while at >= 0 and each.box is not None:
+            low[at] = np.minimum(low[at], np.nextafter(np.float32(each.box[0]), -np.inf))
+            high[at] = np.maximum(high[at], np.nextafter(np.float32(each.box[1]), np.inf))
+            at = int(parents[at])
+    if np.array_equal(low, table.low) and np.array_equal(high, table.high):
+        return table
+    return replace(table, low=low, high=high)
 
 
 class _Loader:

@@ -183,8 +183,7 @@ class PictureNodes:
                 continue
             spec = seen.spec
             first, count = _rows(spec, part)
-            chunk = int(spec.table.chunk[part[0]])
-            read = partial(spec.load, chunk, first, count)
+            read = partial(spec.read, part[0], first, count)
             yield (path, part), Request(read=read, size=count * spec.splat_bytes)
 
     def _read(
@@ -219,7 +218,7 @@ class PictureNodes:
         """Return the key of a part of a node in the cache."""
         path, part = name
         spec = self._seen[path].spec
-        return spec.chunks[int(spec.table.chunk[part[0]])], *_rows(spec, part)
+        return spec.key(part[0], *_rows(spec, part))
 
     def _give_up(self, failed: dict[tuple[str, Part], UsdSplatError]) -> bool:
         """Close the parents of nodes that cannot be read. Return whether another cut is needed.
