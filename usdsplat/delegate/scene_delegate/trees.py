@@ -28,7 +28,7 @@ from usdsplat.images.color import color_space
 from usdsplat.images.grade import grade_matrix
 from usdsplat.render.lod.tree import TreeSpec
 from usdsplat.render.specs import ProjectionMode, RasterizeMode, SortingMode
-from usdsplat.schema.tree import Tree, read_chunk, read_tree
+from usdsplat.schema.tree import Tree, chunk_files, read_chunk, read_tree
 from usdsplat.schema.validation.trees import broken_chunks, missing_chunks
 
 CHUNKS = "splat:chunks"
@@ -51,6 +51,7 @@ class Chunks:
         self._edits: Counter[str] = Counter()
         self._of_trees: dict[str, Tree] = {}
         self._live: dict[str, dict[int, _Live]] = {}
+        self._prims: dict[str, Usd.Prim] = {}
         self._tokens: dict[str, tuple[Any, ...]] = {}
         self._looked = 0.0
         """When the files were looked at [s]."""
@@ -84,7 +85,7 @@ class Chunks:
             table=_grown(tree.table, live),
             live={node: each.cloud for node, each in live.items()},
             chunks=tuple(tokens[each] for each in tree.chunks),
-            load=_Loader(str(prim.GetPath()), tree.chunks),
+            load=_Loader(str(prim.GetPath()), tree.chunks, tree.degree),
             degree=tree.degree,
             color_space=space,
             rasterize_mode="footprint" if footprint and mode == "classic" else mode,
@@ -128,17 +129,23 @@ class Chunks:
             changed, self._changed = self._changed, set()
         chunks = {chunk for tree in self._of_trees.values() for chunk in tree.chunks if chunk}
         self._edits.update(changed & chunks)
+        completed: set[str] = set()
         now = time.monotonic()
         if now - self._looked >= POLL:
             self._looked = now
             changed |= {each for each in chunks if self._tokens.get(each) != self._token(each)}
+            completed = self._completed()
         changed.discard("")  # a chunk without a file
-        return {path for path, tree in self._of_trees.items() if changed.intersection(tree.chunks)}
+        found = {path for path, tree in self._of_trees.items() if changed.intersection(tree.chunks)}
+        for path in completed:
+            del self._of_trees[path]  # its chunks have other paths now
+        return found | completed
 
     def keep(self, paths: Collection[str]) -> None:
         """Forget all trees but those at `paths`."""
         self._of_trees = {path: each for path, each in self._of_trees.items() if path in paths}
         self._live = {path: each for path, each in self._live.items() if path in paths}
+        self._prims = {path: each for path, each in self._prims.items() if path in paths}
 
     def findings(
         self, path: str, prim: Usd.Prim, problems: Mapping[int, UsdSplatError]
@@ -163,10 +170,21 @@ class Chunks:
 
     # --- private ---------------------------------------------------------------------------
 
+    def _completed(self) -> set[str]:
+        """Return the paths of the trees of which a missing chunk is there now."""
+        incomplete = [path for path, tree in self._of_trees.items() if "" in tree.chunks]
+        found = set()
+        for path in incomplete:
+            prim = self._prims[path]
+            if prim and chunk_files(prim) != self._of_trees[path].chunks:
+                found.add(path)
+        return found
+
     def _tree(self, path: str, prim: Usd.Prim) -> Tree:
         """Return the tree at `path`; live splats that do not fit its table are removed."""
         if path not in self._of_trees:
             tree = self._of_trees[path] = read_tree(prim)
+            self._prims[path] = prim
             self._live[path] = {
                 node: each
                 for node, each in self._live.get(path, {}).items()
@@ -215,14 +233,18 @@ def _grown(table: NodeTable, live: Mapping[int, _Live]) -> NodeTable:
 class _Loader:
     """Reader of the rows of a tree's chunks."""
 
-    def __init__(self, where: str, chunks: Sequence[str]) -> None:
-        self._where, self._chunks = where, chunks
+    def __init__(self, where: str, chunks: Sequence[str], degree: int) -> None:
+        self._where, self._chunks, self._degree = where, chunks, degree
 
     def __call__(self, chunk: int, first: int, count: int) -> SplatCloud:
         path = self._chunks[chunk]
         if not path:
             raise StageError(self._where, f"no file for chunk {chunk}", "a layer")
         try:
-            return read_chunk(path, first, count)
+            found = read_chunk(path, first, count)
         except Tf.ErrorException:
             raise StageError(path, "a file that USD cannot read", "a layer") from None
+        if found.sh_degree != self._degree:
+            wrong = f"harmonics of degree {found.sh_degree}"
+            raise StageError(path, wrong, f"{self._degree}, as in the tree")
+        return found

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Hashable, Iterator, Sequence
+from collections.abc import Collection, Hashable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -11,6 +11,7 @@ import numpy as np
 
 from usdsplat.core.cloud import SplatCloud
 from usdsplat.core.errors import UsdSplatError
+from usdsplat.core.node_table import NodeTable
 from usdsplat.render import sampling
 from usdsplat.render.draw_list import DrawList, draw_list
 from usdsplat.render.fields import Drawn, Field
@@ -152,7 +153,7 @@ class PictureNodes:
             asked.update(map(self._key, wanted))
             missing = wanted.keys() - results.keys()
             needed = {name: wanted[name] for name in missing if not self._replace(name, coarse)}
-            results |= self._read(cache, needed, waits=True)
+            results |= self._read(cache, needed, waits=True, keep=results)
             failed = {
                 name: result
                 for name, result in results.items()
@@ -187,28 +188,33 @@ class PictureNodes:
             yield (path, part), Request(read=read, size=count * spec.splat_bytes)
 
     def _read(
-        self, cache: NodeCache, wanted: dict[tuple[str, Part], Request], *, waits: bool
+        self,
+        cache: NodeCache,
+        wanted: dict[tuple[str, Part], Request],
+        *,
+        waits: bool,
+        keep: Collection[tuple[str, Part]] = (),
     ) -> dict[tuple[str, Part], Result]:
-        """Return the splats of parts of nodes, or why they cannot be read."""
+        """Return the splats of parts of nodes, or why they cannot be read; those of `keep` stay in
+        memory."""
         keys = {name: self._key(name) for name in wanted}
         found = cache.get(
             {keys[name]: request for name, request in wanted.items()},
             limit=self._settings.node_memory * MIB,
             lifetime=self._settings.node_lifetime,
             waits=waits,
+            keep={self._key(name) for name in keep},
         )
         return {name: found[key] for name, key in keys.items() if key in found}
 
     def _replace(self, name: tuple[str, Part], coarse: dict[str, set[int]]) -> bool:
-        """Draw the parent in place of a node that is not in memory; return False if there is none
-        with proxies."""
+        """Draw a coarser node in place of one that is not in memory; return False if there is
+        none."""
         path, (node, _) = name
-        seen = self._seen[path]
-        parent = int(seen.spec.table.parents()[node])
-        if parent < 0 or not seen.spec.table.proxies[parent]:
-            return False
-        coarse[path].add(parent)
-        return True
+        stand_in = _stand_in(self._seen[path].spec.table, node)
+        if stand_in is not None:
+            coarse[path].add(stand_in)
+        return stand_in is not None
 
     def _last_error(self, cut: Cut) -> float:
         """Return the largest error [pixel] of an inner node that any sample draws."""
@@ -221,19 +227,19 @@ class PictureNodes:
         return spec.key(part[0], *_rows(spec, part))
 
     def _give_up(self, failed: dict[tuple[str, Part], UsdSplatError]) -> bool:
-        """Close the parents of nodes that cannot be read. Return whether another cut is needed.
+        """Close the nodes above those that cannot be read. Return whether another cut is needed.
 
-        A node without a parent that could be drawn is left out.
+        A node with none above that could be drawn is left out.
         """
         changed = False
         for (path, (node, _)), error in failed.items():
             tree = self._seen[path].tree
             tree.problems[int(tree.spec.table.chunk[node])] = error
-            parent = int(tree.spec.table.parents()[node])
-            if parent < 0 or not tree.spec.table.proxies[parent] or parent in tree.closed:
+            stand_in = _stand_in(tree.spec.table, node)
+            if stand_in is None or stand_in in tree.closed:
                 tree.lost.add(node)
             else:
-                tree.closed.add(parent)
+                tree.closed.add(stand_in)
             changed = True
         return changed
 
@@ -322,6 +328,14 @@ def _parts(
             yield (node, False), rows
         if table.proxies[node] and not refined[rows].all():
             yield (node, True), rows[~refined[rows]]
+
+
+def _stand_in(table: NodeTable, node: int) -> int | None:
+    """Return the nearest node above that has proxies; None if there is none."""
+    above = int(table.parents()[node])
+    while above >= 0 and not table.proxies[above]:
+        above = int(table.parents()[above])
+    return above if above >= 0 else None
 
 
 def _is_same(a: list[Drawn], b: list[Drawn]) -> bool:
