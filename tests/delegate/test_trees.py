@@ -209,6 +209,25 @@ def test_a_broken_chunk_says_why(tmp_path):
     assert f"{leaf:04}.usdc: " in finding.message
 
 
+def test_a_chunk_of_a_tree_that_was_built_anew_is_not_drawn(tmp_path, reads):
+    """Oracle: the picture without the chunk. Its rows have changed, but the table of the stage has
+    not been read again."""
+    stage, tree = tree_stage(tmp_path)
+    add_camera(stage)
+    leaf = int(np.flatnonzero(tree.table.child_count == 0)[0])
+    path = tmp_path / "tree_chunks" / f"{leaf:04}.usdc"
+    with Engine(stage, device="cpu") as engine:
+        view = engine.view("/Camera", resolution=(80, 60))
+        engine.picture(view, LEAVES)
+        path.unlink()
+        write_chunk(path, random_cloud(1, len(tree.clouds[leaf]) + 1))
+        found = engine.picture(view, LEAVES)["color"].copy()
+        (finding,) = [each for each in engine.findings if each.code == "broken-chunk"]
+    assert "as in the tree; reload the stage" in finding.message
+    path.write_bytes(b"no crate")
+    np.testing.assert_array_equal(found, pictured(stage)["color"])
+
+
 def test_a_chunk_of_another_degree_is_a_finding(tmp_path):
     """Oracle: by hand; the rest is drawn."""
     stage, tree = tree_stage(tmp_path)

@@ -9,7 +9,7 @@ import os
 import threading
 import time
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, cast
 
@@ -28,7 +28,7 @@ from usdsplat.images.color import color_space
 from usdsplat.images.grade import grade_matrix
 from usdsplat.render.lod.tree import TreeSpec
 from usdsplat.render.specs import ProjectionMode, RasterizeMode, SortingMode
-from usdsplat.schema.tree import Tree, chunk_files, read_chunk, read_tree
+from usdsplat.schema.tree import Tree, chunk_files, chunk_shape, read_chunk, read_tree
 from usdsplat.schema.validation.trees import broken_chunks, missing_chunks
 
 CHUNKS = "splat:chunks"
@@ -52,6 +52,8 @@ class Chunks:
         self._of_trees: dict[str, Tree] = {}
         self._live: dict[str, dict[int, _Live]] = {}
         self._prims: dict[str, Usd.Prim] = {}
+        self._known: dict[str, dict[str, tuple[Any, ...]]] = {}
+        """Tokens of each tree's chunks at the time at which its table was read."""
         self._tokens: dict[str, tuple[Any, ...]] = {}
         self._looked = 0.0
         """When the files were looked at [s]."""
@@ -85,7 +87,7 @@ class Chunks:
             table=_grown(tree.table, live),
             live={node: each.cloud for node, each in live.items()},
             chunks=tuple(tokens[each] for each in tree.chunks),
-            load=_Loader(str(prim.GetPath()), tree.chunks, tree.degree),
+            load=_Loader(str(prim.GetPath()), tree, self._changed_since(path, tokens)),
             degree=tree.degree,
             color_space=space,
             rasterize_mode="footprint" if footprint and mode == "classic" else mode,
@@ -146,6 +148,7 @@ class Chunks:
         self._of_trees = {path: each for path, each in self._of_trees.items() if path in paths}
         self._live = {path: each for path, each in self._live.items() if path in paths}
         self._prims = {path: each for path, each in self._prims.items() if path in paths}
+        self._known = {path: each for path, each in self._known.items() if path in paths}
 
     def findings(
         self, path: str, prim: Usd.Prim, problems: Mapping[int, UsdSplatError]
@@ -170,6 +173,11 @@ class Chunks:
 
     # --- private ---------------------------------------------------------------------------
 
+    def _changed_since(self, path: str, tokens: Mapping[str, tuple[Any, ...]]) -> frozenset[int]:
+        """Return the chunks of the tree at `path` that have changed since its table was read."""
+        known, chunks = self._known[path], self._of_trees[path].chunks
+        return frozenset(i for i, each in enumerate(chunks) if tokens[each] != known[each])
+
     def _completed(self) -> set[str]:
         """Return the paths of the trees of which a missing chunk is there now."""
         incomplete = [path for path, tree in self._of_trees.items() if "" in tree.chunks]
@@ -185,6 +193,7 @@ class Chunks:
         if path not in self._of_trees:
             tree = self._of_trees[path] = read_tree(prim)
             self._prims[path] = prim
+            self._known[path] = {each: self._token(each) for each in tree.chunks}
             self._live[path] = {
                 node: each
                 for node, each in self._live.get(path, {}).items()
@@ -233,18 +242,29 @@ def _grown(table: NodeTable, live: Mapping[int, _Live]) -> NodeTable:
 class _Loader:
     """Reader of the rows of a tree's chunks."""
 
-    def __init__(self, where: str, chunks: Sequence[str], degree: int) -> None:
-        self._where, self._chunks, self._degree = where, chunks, degree
+    def __init__(self, where: str, tree: Tree, changed: frozenset[int]) -> None:
+        self._where, self._tree, self._changed = where, tree, changed
 
     def __call__(self, chunk: int, first: int, count: int) -> SplatCloud:
-        path = self._chunks[chunk]
+        path = self._tree.chunks[chunk]
         if not path:
             raise StageError(self._where, f"no file for chunk {chunk}", "a layer")
         try:
+            if chunk in self._changed:
+                self._check_rows(chunk)
             found = read_chunk(path, first, count)
         except Tf.ErrorException:
             raise StageError(path, "a file that USD cannot read", "a layer") from None
-        if found.sh_degree != self._degree:
+        if found.sh_degree != self._tree.degree:
             wrong = f"harmonics of degree {found.sh_degree}"
-            raise StageError(path, wrong, f"{self._degree}, as in the tree")
+            raise StageError(path, wrong, f"{self._tree.degree}, as in the tree")
         return found
+
+    def _check_rows(self, chunk: int) -> None:
+        """Raise an error if the chunk has other rows than the nodes: it may be one of a tree that
+        was built anew, whose table has not been read."""
+        table, path = self._tree.table, self._tree.chunks[chunk]
+        rows, expected = chunk_shape(path)[0], int(table.sizes[table.chunk == chunk].sum())
+        if rows != expected:
+            found = f"{rows} splats after a change of the file"
+            raise StageError(path, found, f"{expected}, as in the tree; reload the stage")
