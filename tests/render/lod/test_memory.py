@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import numpy as np
+import pytest
+
 from tests.render.lod.test_nodes import tree_scene
 from tests.render.lod.trees import made
 from tests.render.rendering import lens, picture, settings_of, view_of
-from usdsplat.render.lod.memory import PER_SPLAT, estimate
+from usdsplat.render.lod.memory import PER_SPLAT, estimate, node_bytes
+from usdsplat.render.lod.nodes import view_cut
 from usdsplat.render.memory import COLOR_ALONE
+from usdsplat.render.specs import InstanceSpec
 
 
 def test_a_finer_cut_takes_more_and_nothing_is_read():
@@ -27,3 +32,22 @@ def test_a_finer_cut_takes_more_and_nothing_is_read():
     assert tree.reads == []
     picture(scene, view, aovs=("color",), lod_error=0.0)
     assert scene.node_cache.bytes == one * many
+
+
+@pytest.mark.parametrize("error", [0.0, 2.0, 1000.0])
+def test_instances_share_the_memory_of_their_nodes(error):
+    """Oracle: the bytes of the cache after the picture, of instances of different cuts."""
+    tree = made(2, leaf=20, strays=3)
+    matrices = [np.diag([size, size, size, 1.0]) for size in (1.0, 0.5, 0.1, 1.0)]
+    matrices[1][0, 3] = 2.5  # beside the window in part
+    instances = tuple(
+        InstanceSpec(path="/tree", transform=tuple(matrix.ravel()), index=index)
+        for index, matrix in enumerate(matrices)
+    )
+    scene, view = tree_scene(tree), view_of(lens())
+    scene.set_instances("/tree", instances)
+    settings = settings_of(lod_error=error, lod_samples=1)
+    expected = node_bytes(scene, view_cut(scene, view, settings))
+    assert tree.reads == []
+    picture(scene, view, aovs=("color",), lod_error=error, lod_samples=1)
+    assert scene.node_cache.bytes == expected > 0

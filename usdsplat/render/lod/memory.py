@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
 from usdsplat.render import memory
+from usdsplat.render.lod.cut import Cut
 from usdsplat.render.lod.nodes import view_cut
 from usdsplat.render.memory import Estimate, PictureRequest
 from usdsplat.render.scene import RenderScene
@@ -33,9 +36,9 @@ def estimate(
     )
     if not scene.has_trees:
         return found
-    splats = view_cut(scene, view, settings).splats
-    of_one = max((tree.spec.splat_bytes for _, tree in scene.drawn_trees()), default=0)
-    more = max(0, splats * of_one - scene.node_cache.bytes)
+    cut = view_cut(scene, view, settings)
+    splats = cut.splats
+    more = max(0, node_bytes(scene, cut) - scene.node_cache.bytes)
     buffers = request.pictures * splats * PER_SPLAT
     x0, _, x1, _ = view.framing.window
     band = request.pictures * found.rows * (x1 - x0) * PER_PIXEL
@@ -45,3 +48,20 @@ def estimate(
         splats=found.splats + buffers,
         band=found.band + band,
     )
+
+
+def node_bytes(scene: RenderScene, cut: Cut) -> int:
+    """Return the bytes of the splats that a cut draws. Instances of a tree share its nodes.
+
+    Args:
+        scene: The scene.
+        cut: A `view_cut` of it.
+    """
+    total = 0
+    for (_, tree), reached in zip(scene.drawn_trees(), cut.trees, strict=True):
+        seen = reached.keeping(reached.seen)
+        table = tree.spec.table
+        whole = np.unique(seen.nodes[seen.errors <= cut.limit])
+        splats = table.residents[np.unique(seen.nodes)].sum() + table.proxies[whole].sum()
+        total += int(splats) * tree.spec.splat_bytes
+    return total
