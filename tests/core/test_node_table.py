@@ -203,3 +203,11 @@ def walk(table: NodeTable) -> None:
             assert table.errors[node] >= 1.2499 * table.errors[each]
             waiting.append(each)
     assert seen == list(range(len(table)))
+
+
+def test_the_least_splats_of_a_tree_drawn_by_hand() -> None:
+    """Oracle: by hand. The second branch has more proxies than its leaves and residents."""
+    table = edited("proxies", slice(None), [50, 9, 30, 4, 4, 10, 11])
+    table.residents[:] = [3, 0, 2, 0, 0, 0, 0]
+    assert table.sizes.tolist() == [53, 9, 32, 4, 4, 10, 11]
+    assert table.least.tolist() == [3 + 8 + 23, 8, 2 + 21, 4, 4, 10, 11]

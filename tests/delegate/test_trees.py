@@ -11,6 +11,7 @@ from pxr import Gf, Sdf, UsdGeom
 
 from tests.delegate.stages import add_camera
 from tests.delegate.tree_stages import field_stage, tree_stage, write_chunk
+from tests.render.rendering import random_cloud
 from usdsplat import schema
 from usdsplat.delegate.engine import Engine
 from usdsplat.delegate.scene_delegate import trees
@@ -158,6 +159,31 @@ def test_a_missing_chunk_is_one_finding_and_its_parent_stays(tmp_path):
         assert found["elementId"].max() >= len(tree.leaves())  # proxies of the parent
 
 
+@pytest.mark.parametrize("content", [None, b"no crate"])
+def test_a_chunk_that_appears_later_is_drawn(tmp_path, reads, content):
+    """Oracle: the first picture, of the whole tree; only the chunk and its parent are read again,
+    and the finding goes. Before, the file is missing or broken."""
+    stage, tree = tree_stage(tmp_path)
+    add_camera(stage)
+    whole = pictured(stage, aovs=("color",))["color"]
+    leaf = int(np.flatnonzero(tree.table.child_count == 0)[0])
+    path = tmp_path / "tree_chunks" / f"{leaf:04}.usdc"
+    kept = path.read_bytes()
+    path.unlink()
+    if content:
+        path.write_bytes(content)
+    with Engine(stage, device="cpu") as engine:
+        view = engine.view("/Camera", resolution=(80, 60))
+        found = engine.picture(view, LEAVES, ("color",))["color"]
+        assert (found != whole).any() and engine.findings
+        reads.clear()
+        path.unlink(missing_ok=True)
+        path.write_bytes(kept)
+        np.testing.assert_array_equal(engine.picture(view, LEAVES, ("color",))["color"], whole)
+        assert path.name in {name for name, _, _ in reads} and len(reads) <= 2
+        assert not [each for each in engine.findings if each.severity != "note"]
+
+
 def test_a_moved_folder_is_one_finding_that_names_it(tmp_path):
     """Oracle: by hand; nothing can be drawn, as the root is missing too."""
     stage, tree = tree_stage(tmp_path)
@@ -182,6 +208,41 @@ def test_a_broken_chunk_says_why(tmp_path):
         assert engine.picture(view, LEAVES)["color"].max() > 0
         (finding,) = [each for each in engine.findings if each.code == "broken-chunk"]
     assert f"{leaf:04}.usdc: " in finding.message
+
+
+def test_a_chunk_of_a_tree_that_was_built_anew_is_not_drawn(tmp_path, reads):
+    """Oracle: the picture without the chunk. Its rows have changed, but the table of the stage has
+    not been read again."""
+    stage, tree = tree_stage(tmp_path)
+    add_camera(stage)
+    leaf = int(np.flatnonzero(tree.table.child_count == 0)[0])
+    path = tmp_path / "tree_chunks" / f"{leaf:04}.usdc"
+    with Engine(stage, device="cpu") as engine:
+        view = engine.view("/Camera", resolution=(80, 60))
+        engine.picture(view, LEAVES)
+        path.unlink()
+        write_chunk(path, random_cloud(1, len(tree.clouds[leaf]) + 1))
+        found = engine.picture(view, LEAVES)["color"].copy()
+        (finding,) = [each for each in engine.findings if each.code == "broken-chunk"]
+    assert "as in the tree; reload the stage" in finding.message
+    path.write_bytes(b"no crate")
+    np.testing.assert_array_equal(found, pictured(stage)["color"])
+
+
+def test_a_chunk_of_another_degree_is_a_finding(tmp_path):
+    """Oracle: by hand; the rest is drawn."""
+    stage, tree = tree_stage(tmp_path)
+    add_camera(stage)
+    leaf = int(np.flatnonzero(tree.table.child_count == 0)[0])
+    count = len(tree.clouds[leaf])
+    path = tmp_path / "tree_chunks" / f"{leaf:04}.usdc"
+    path.unlink()
+    write_chunk(path, random_cloud(1, count, degree=1))
+    with Engine(stage, device="cpu") as engine:
+        view = engine.view("/Camera", resolution=(80, 60))
+        assert engine.picture(view, LEAVES)["color"].max() > 0
+        (finding,) = [each for each in engine.findings if each.code == "broken-chunk"]
+    assert "harmonics of degree 1, expected 3, as in the tree" in finding.message
 
 
 def test_a_table_that_lies_is_not_drawn(tmp_path):
@@ -227,3 +288,14 @@ def test_a_closed_engine_watches_no_layers(tmp_path):
     layer = Sdf.Layer.FindOrOpen(str(tmp_path / "tree_chunks" / "0000.usdc"))
     layer.comment = "edited"
     assert chunks._changed == set()
+
+
+def test_the_cache_is_emptied_when_the_last_tree_goes(tmp_path):
+    """Oracle: its bytes."""
+    stage, _ = tree_stage(tmp_path)
+    add_camera(stage)
+    with Engine(stage, device="cpu") as engine:
+        engine.picture(engine.view("/Camera", resolution=(80, 60)), LEAVES)
+        assert engine.render_scene.node_cache.bytes > 0
+        stage.RemovePrim("/World/Tree")
+        assert engine.render_scene.node_cache.bytes == 0

@@ -10,6 +10,8 @@ is refined or not.
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
@@ -29,7 +31,7 @@ _ROWS = 1 << 40
 """Largest row of a chunk, and largest number of splats of a node, that a table may state."""
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class NodeTable:
     """The nodes of a tree of n nodes, breadth first: node 0 is the root, and the children of each
     node follow each other, after all nodes of the level above."""
@@ -59,8 +61,31 @@ class NodeTable:
         """Return the number of nodes."""
         return len(self.errors)
 
+    @cached_property
+    def sizes(self) -> I64:
+        """Number of proxies and residents of each node, shape (n,)."""
+        return self.proxies + self.residents
+
+    @cached_property
+    def least(self) -> I64:
+        """Least number of splats of a cut at and below each node, shape (n,). The table is
+        valid."""
+        found, parents = self.sizes.copy(), self.parents()
+        starts = [0, 1]
+        while starts[-1] < len(self):  # the nodes of a level follow each other
+            starts.append(starts[-1] + int(self.child_count[slice(*starts[-2:])].sum()))
+        for start, end in reversed(list(pairwise(starts[1:]))):
+            above = np.unique(parents[start:end])
+            below = np.add.reduceat(found[start:end], self.first_child[above] - start)
+            found[above] = np.minimum(found[above], self.residents[above] + below)
+        return found
+
     def parents(self) -> I32:
         """Return the parent of each node, shape (n,); -1 for the root. The table is valid."""
+        return self._parents
+
+    @cached_property
+    def _parents(self) -> I32:
         found = np.full(len(self), -1, np.int32)
         inner = np.flatnonzero(self.child_count)
         counts = self.child_count[inner]

@@ -24,6 +24,7 @@ class DirtyBits(IntFlag):
     MATERIAL_ID = 1 << 7
     """The materials of a mesh and their bindings by face."""
     TOPOLOGY = 1 << 8
+    """The faces of a mesh; the nodes and chunks of a splat tree."""
     TRANSFORM = 1 << 9
     """The transform of the prim or of an instancer that carries it."""
     VISIBILITY = 1 << 10

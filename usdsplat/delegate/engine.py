@@ -1,11 +1,4 @@
-"""The engine: renders pictures of one stage at one time.
-
-    with Engine(stage, time=12) as engine:
-        view = engine.view("/World/Camera", resolution=(1920, 1080))
-        color = engine.picture(view)["color"]
-
-Pictures follow edits of the stage automatically.
-"""
+"""The engine: renders pictures of one stage at one time."""
 
 from __future__ import annotations
 
@@ -13,6 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from typing import Any, Literal
 
+from usdsplat.core.cloud import SplatCloud
 from usdsplat.core.errors import UsageError
 from usdsplat.core.findings import Finding
 from usdsplat.delegate.default_camera import Box, frame_subject, union
@@ -103,6 +97,17 @@ class Engine:
         """Bring the render scene up to date with the stage, and LOD roots with a view."""
         (scene := self._open()).apply_pending_updates(view)
         self._index.sync_all(scene)
+
+    def update_chunk(self, path: str, node: int, cloud: SplatCloud | None) -> None:
+        """Draw a cloud in place of the splats of a splat tree's node; None draws those again.
+
+        Its degree is the tree's, and its splats are as many as the node's proxies and residents, in
+        this order. It must not be changed afterwards.
+
+        Raises:
+            UsdSplatError: If there is no such tree or node, or the cloud does not fit it.
+        """
+        self._open().update_chunk(path, node, cloud)
 
     @property
     def device(self) -> str:
@@ -238,11 +243,8 @@ class Engine:
     # --- pictures --------------------------------------------------------------------------
 
     def expect(self, work: Iterable[Work]) -> None:
-        """Set the expected work, from which "auto" selects the device that finishes first.
-
-        Call it before the first picture: the device is chosen once. By default a long session is
-        assumed.
-        """
+        """Set the expected work before the first picture; "auto" selects the device that finishes
+        it first. By default a long session is assumed."""
         self.sync()
         self._drawer.expect(work)
 
@@ -269,10 +271,9 @@ class Engine:
         """
         self.sync(view)
         how = self._resolved(settings)
-        sampler = self._times(view, how, aovs)
         return self._drawer.renderer.render(
-            self._param.scene, view, how, aovs, sampler=sampler, holdout=holdout,
-            band_pixels=band_pixels,
+            self._param.scene, view, how, aovs, sampler=self._times(view, how, aovs),
+            holdout=holdout, band_pixels=band_pixels,
         )  # fmt: skip
 
     def render_deep(
@@ -294,9 +295,9 @@ class Engine:
         """
         self.sync(view)
         how = self._resolved(settings)
-        sampler = self._times(view, how, ())
         return self._drawer.renderer.render_deep(
-            self._param.scene, view, how, aovs, sampler=sampler, holdout=holdout, size=size,
+            self._param.scene, view, how, aovs, sampler=self._times(view, how, ()),
+            holdout=holdout, size=size,
         )  # fmt: skip
 
     def picture(
@@ -383,8 +384,7 @@ class Engine:
         return self._scene
 
     def _resolved(self, settings: RenderSettings | None) -> RenderSettings:
-        hints = (hint for _, hint in self._index.sorting_hints())
-        return (settings or RenderSettings()).resolved(hints)
+        return (settings or RenderSettings()).resolved(h for _, h in self._index.sorting_hints())
 
     def _around(self, subject: Box | None, bounds: Box | None, framing: Framing) -> CameraSpec:
         axis = self._open().up_axis

@@ -24,8 +24,8 @@ class SceneDelegate(Protocol):
     def field(self, path: str) -> FieldSpec | None:
         """Return the splats of a field, or None if it cannot be drawn."""
 
-    def tree(self, path: str) -> TreeSpec | None:
-        """Return a splat tree, or None if it cannot be drawn."""
+    def tree(self, path: str, bits: DirtyBits) -> TreeSpec | None:
+        """Return a splat tree, reading only what `bits` marks, or None if it cannot be drawn."""
 
     def mesh(self, path: str, bits: DirtyBits) -> MeshSpec | None:
         """Return a mesh, reading only what `bits` marks, or None if it cannot be drawn."""

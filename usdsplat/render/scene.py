@@ -174,6 +174,8 @@ class RenderScene:
         self.laid = None  # releases the nodes of trees
         for kind in (self._fields, self._trees, self._meshes):
             kind.pop(path, None)
+        if not self._trees:
+            self.node_cache.close()
 
     def close(self) -> None:
         """Release all arrays."""

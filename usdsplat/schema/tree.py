@@ -34,6 +34,7 @@ __all__ = [
     "PackedChunk",
     "Tree",
     "author_tree",
+    "chunk_files",
     "chunk_shape",
     "is_tree",
     "read_chunk",
@@ -161,7 +162,7 @@ def read_tree(prim: Usd.Prim) -> Tree:
     assets = _assets(prim)
     table = NodeTable(**columns)
     check_nodes(table, where, chunks=len(assets))
-    chunks = tuple(_resolved(asset) for asset in assets)
+    chunks = chunk_files(prim)
     _check_distinct(chunks, f"{where}.{tokens.CHUNKS}")
     return Tree(
         table=table,
@@ -177,6 +178,15 @@ def read_tree(prim: Usd.Prim) -> Tree:
         ),
         pixel=_pixel(prim),
     )
+
+
+def chunk_files(prim: Usd.Prim) -> tuple[str, ...]:
+    """Return what `Tree.chunks` of the prim would be now, without reading its table.
+
+    Raises:
+        StageError: If the attribute has another type than the schema's.
+    """
+    return tuple(_resolved(asset) for asset in _assets(prim))
 
 
 def _check_layers(prim: Usd.Prim) -> None:

@@ -99,14 +99,15 @@ def test_a_limit_that_is_too_small_says_what_is_needed(cache):
     assert source.reads == []
 
 
-def test_an_error_is_a_result_and_is_kept(cache):
-    """Oracle: the error; it is not tried again before it is dropped."""
+def test_an_error_is_a_result_and_is_kept(cache, clock):
+    """Oracle: the error; it is not tried again before it is old."""
     source = Source()
     for _ in range(2):
         found = get(cache, source, "bad", "a")
         assert isinstance(found["bad"], StageError) and len(found["a"]) == 250
     assert source.reads.count("bad") == 1
-    cache.drop({"bad"})
+    clock.now = 6.0
+    get(cache, source, "a")
     get(cache, source, "bad")
     assert source.reads.count("bad") == 2
 
@@ -159,6 +160,44 @@ def test_a_closed_cache_is_empty_and_has_no_threads(cache):
     assert cache.bytes == 0 and "a" not in cache
     assert not [each for each in threading.enumerate() if each.name.startswith("node")]
     assert len(get(cache, source, "a")["a"]) == 250
+
+
+def test_what_is_to_be_kept_makes_no_room(cache):
+    """Oracle: by hand; "a" is the least recently used, but is kept."""
+    source = Source()
+    get(cache, source, "a", "b", limit=2 * SIZE)
+    cache.get(source.wanting("c"), limit=2 * SIZE, lifetime=5.0, keep={"a"})
+    assert "a" in cache and "b" not in cache and "c" in cache
+
+
+def test_a_thread_that_waits_for_a_closed_cache_gets_a_sentence(cache):
+    """Oracle: the exception. Four threads read, so the fifth request is cancelled by closing."""
+    go, errors = threading.Event(), []
+
+    def blocked():
+        assert go.wait(20)
+        return random_cloud(1)
+
+    def ask():
+        try:
+            wanted = {name: Request(read=blocked, size=SIZE) for name in "abcde"}
+            cache.get(wanted, limit=9 * SIZE, lifetime=1.0)
+        except BaseException as error:
+            errors.append(error)
+
+    asking = threading.Thread(target=ask)
+    asking.start()
+    while len(cache._reading) < 5:
+        pass
+    closing = threading.Thread(target=cache.close)
+    closing.start()
+    while cache._pool is not None or not cache._reading["e"].cancelled():
+        pass
+    go.set()
+    closing.join()
+    asking.join()
+    (error,) = errors
+    assert isinstance(error, UsageError) and "engine: found one that was closed" in str(error)
 
 
 def test_what_is_not_waited_for_is_read_meanwhile_or_cancelled(cache):

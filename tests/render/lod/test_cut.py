@@ -50,8 +50,8 @@ def by_heap(views, screens, error, budget):
             NodeMeasure(views[t].table, s, m).of(np.array([i]), np.array([node]))
             for s, m in zip(screens, views[t].transforms, strict=True)
         ]
-        errors = [float(e[0]) if shown[0] else 0.0 for e, shown, _ in found]
-        return min(above, max(errors)), any(bool(shown[0]) for _, shown, _ in found)
+        errors = [float(each.errors[0]) for each in found]
+        return min(above, max(errors)), any(bool(each.shown[0]) for each in found)
 
     def push(t, i, node, above):
         nonlocal total
@@ -141,14 +141,12 @@ def test_the_error_of_a_far_node_is_that_of_similar_triangles():
     matrices = np.diag([3.0, 3.0, 3.0, 1.0])[None]
     matrices[0, :3, 3] = 0, 0, 46  # the camera is at z = -4
     screen = screen_of()
-    (found,), (shown,), _ = NodeMeasure(table, screen, matrices).of(
-        np.zeros(1, int), np.zeros(1, int)
-    )
-    assert shown
-    np.testing.assert_allclose(found, 0.03 * max(screen.focal) / (50 - 3), rtol=1e-6)
+    found = NodeMeasure(table, screen, matrices).of(np.zeros(1, int), np.zeros(1, int))
+    assert found.shown[0]
+    np.testing.assert_allclose(found.errors[0], 0.03 * max(screen.focal) / (50 - 3), rtol=1e-6)
     screen = screen_of("orthographic")
-    (found,), _, _ = NodeMeasure(table, screen, matrices).of(np.zeros(1, int), np.zeros(1, int))
-    np.testing.assert_allclose(found, 0.03 * 22.0, rtol=1e-6)
+    found = NodeMeasure(table, screen, matrices).of(np.zeros(1, int), np.zeros(1, int))
+    np.testing.assert_allclose(found.errors[0], 0.03 * 22.0, rtol=1e-6)
 
 
 def test_the_largest_singular_value_scales_the_error():
@@ -159,10 +157,8 @@ def test_the_largest_singular_value_scales_the_error():
     for scale in ((5.0, 1.0, 1.0), (5.0, 5.0, 5.0)):
         matrices = np.diag([*scale, 1.0])[None]
         matrices[0, 2, 3] = 1e6
-        errors, _, _ = NodeMeasure(table, screen_of(), matrices).of(
-            np.zeros(1, int), np.zeros(1, int)
-        )
-        found.append(errors[0])
+        measured = NodeMeasure(table, screen_of(), matrices).of(np.zeros(1, int), np.zeros(1, int))
+        found.append(measured.errors[0])
     np.testing.assert_allclose(found[0], found[1], rtol=1e-4)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from tests.render.lod.test_nodes import tree_scene
@@ -50,3 +51,22 @@ def test_a_load_is_what_a_picture_reads(error, settings):
     picture(scene, view, aovs=("color",), **settings)
     assert load.bytes == scene.node_cache.bytes
     assert load.nodes == len({chunk for chunk, _, _ in tree.reads})
+
+
+@pytest.mark.parametrize("error", [0.0, 2.0, 1000.0])
+def test_instances_share_the_memory_of_their_nodes(error):
+    """Oracle: the bytes of the cache after the picture, of instances of different cuts."""
+    tree = made(2, leaf=20, strays=3)
+    matrices = [np.diag([size, size, size, 1.0]) for size in (1.0, 0.5, 0.1, 1.0)]
+    matrices[1][0, 3] = 2.5  # beside the window in part
+    instances = tuple(
+        InstanceSpec(path="/tree", transform=tuple(matrix.ravel()), index=index)
+        for index, matrix in enumerate(matrices)
+    )
+    scene, view = tree_scene(tree), view_of(lens())
+    scene.set_instances("/tree", instances)
+    settings = settings_of(lod_error=error, lod_samples=1)
+    expected = view_load(scene, view, settings).bytes
+    assert tree.reads == []
+    picture(scene, view, aovs=("color",), lod_error=error, lod_samples=1)
+    assert scene.node_cache.bytes == expected > 0

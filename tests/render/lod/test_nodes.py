@@ -223,6 +223,23 @@ def test_a_chunk_that_is_missing_leaves_its_parent():
     assert str(held.problems[7]) == "chunk 7: found no such file, expected a layer"
 
 
+def test_the_nearest_node_with_proxies_stands_for_one_that_is_missing():
+    """Oracle: by hand. The parent of the missing leaf has no proxies, so the root is drawn."""
+    tree = made(12, leaf=120)
+    assert tree.table.first_child.tolist() == [1, 3, 5, 0, 0, 0, 0]
+    tree.table.proxies[1], tree.table.errors[:2] = 0, np.inf
+    tree.table.errors[0] = 3.0e38
+    whole = tree.load
+
+    def load(chunk, first, count):
+        if chunk == 3:
+            raise StageError("chunk 3", "no such file", "a layer")
+        return whole(chunk, first, count)
+
+    scene = tree_scene(tree, load=load)
+    assert drawn_nodes(scene, view_of(lens()), lod_error=0) == {0}
+
+
 def test_pictures_of_two_views_have_a_cut_each():
     """Oracle: each view alone, in a scene of its own."""
     tree = made(13, leaf=10)

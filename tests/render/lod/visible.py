@@ -51,5 +51,5 @@ def visible_nodes(seed, model):
             at = int(parents[at])
     nodes = np.arange(len(tree.table))
     measure = NodeMeasure(tree.table, screen, matrix[None], mode == "tangential")
-    _, _, seen = measure.of(np.zeros(len(nodes), int), nodes)
+    seen = measure.of(np.zeros(len(nodes), int), nodes).in_window
     return expected, set(np.flatnonzero(seen).tolist())

@@ -11,7 +11,7 @@ from typing import Literal, TypeVar
 import numpy as np
 from pxr import Tf, Usd, UsdGeom
 
-from usdsplat.core.cloud import F64
+from usdsplat.core.cloud import F64, SplatCloud
 from usdsplat.core.errors import StageError, UsageError, UsdSplatError
 from usdsplat.core.findings import Finding, finding, from_error
 from usdsplat.delegate.dirty_bits import DirtyBits
@@ -145,6 +145,12 @@ class UsdSceneDelegate:
             for path in self._population.meshes:
                 self._index.tracker.mark(path, DirtyBits.DISPLAY_STYLE)
 
+    def update_chunk(self, path: str, node: int, cloud: SplatCloud | None) -> None:
+        """Implement `Engine.update_chunk`."""
+        self.apply_pending_updates()
+        self._chunks.update(path, self._population.fields.get(path), node, cloud)
+        self._index.tracker.mark(path, DirtyBits.PRIMVAR)
+
     def close(self) -> None:
         """Stop listening and release every prim."""
         self._notices.close()
@@ -178,11 +184,9 @@ class UsdSceneDelegate:
         if self._is_stale:
             self._populate()
             self._is_stale = False
-        for path in self._chunks.changed_trees():
+        edited = changed or self.time != self._applied_time
+        for path in self._chunks.changed_trees(self._population.fields, self._code, edited=edited):
             self._index.tracker.mark(path, DirtyBits.PRIMVAR)
-        if changed or self.time != self._applied_time:
-            for path in self._chunks.changed_levels(self._population.fields, self._code):
-                self._index.tracker.mark(path, DirtyBits.PRIMVAR)
         if self.time != self._applied_time:
             self._mark_time(to_or_from_default=None in (self.time, self._applied_time))
             self._applied_time = self.time
@@ -243,10 +247,10 @@ class UsdSceneDelegate:
         self._remark("values", path, *wrong)
         return spec
 
-    def tree(self, path: str) -> TreeSpec | None:
+    def tree(self, path: str, bits: DirtyBits) -> TreeSpec | None:
         """Implement `SceneDelegate.tree`."""
-        prim = self._population.fields[path].prim
-        return self._pull("tree", path, partial(self._chunks.read, path, prim, self.time), None)
+        read = partial(self._chunks.read, path, self._population.fields[path].prim, bits, self.time)
+        return self._pull("tree", path, read, None)
 
     def mesh(self, path: str, bits: DirtyBits) -> MeshSpec | None:
         """Implement `SceneDelegate.mesh`."""

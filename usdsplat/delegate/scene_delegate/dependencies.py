@@ -179,4 +179,4 @@ def _own_bits(name: str) -> DirtyBits:
     """
     bits = DirtyBits.PARAMS | DirtyBits.INSTANCER
     is_read = name in FIELD_PROPERTIES or name.startswith(TREE_PROPERTIES)
-    return bits | DirtyBits.PRIMVAR if is_read else bits
+    return bits | DirtyBits.PRIMVAR | DirtyBits.TOPOLOGY if is_read else bits

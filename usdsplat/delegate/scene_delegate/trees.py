@@ -10,15 +10,20 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, replace
 from typing import Any, cast
 
+import numpy as np
 from pxr import Sdf, Tf, Usd
 
 from usdsplat import schema
-from usdsplat.core.cloud import SplatCloud
-from usdsplat.core.errors import StageError, UsdSplatError
+from usdsplat.core.cloud import F64, SplatCloud
+from usdsplat.core.errors import StageError, UsageError, UsdSplatError
+from usdsplat.core.extent import extent
 from usdsplat.core.findings import Finding
 from usdsplat.core.node_cuts import fixed_at
+from usdsplat.core.node_table import NodeTable
+from usdsplat.delegate.dirty_bits import DirtyBits
 from usdsplat.delegate.scene_delegate.population import RprimEntry
 from usdsplat.images.color import color_space
 from usdsplat.images.grade import grade_matrix
@@ -26,7 +31,7 @@ from usdsplat.render.lod.tree import TreeSpec
 from usdsplat.render.specs import ProjectionMode, RasterizeMode, SortingMode
 from usdsplat.schema.chunks import ChunkReader
 from usdsplat.schema.lod_roots import tree_level
-from usdsplat.schema.tree import Tree, read_tree
+from usdsplat.schema.tree import Tree, chunk_files, chunk_shape, read_tree
 from usdsplat.schema.validation.trees import broken_chunks, missing_chunks
 
 CHUNKS = "splat:chunks"
@@ -48,6 +53,10 @@ class Chunks:
         self._changed: set[str] = set()
         self._edits: Counter[str] = Counter()
         self._of_trees: dict[str, Tree] = {}
+        self._live: dict[str, dict[int, _Live]] = {}
+        self._prims: dict[str, Usd.Prim] = {}
+        self._known: dict[str, dict[str, tuple[Any, ...]]] = {}
+        """Tokens of each tree's chunks at the time at which its table was read."""
         self._tokens: dict[str, tuple[Any, ...]] = {}
         self._levels: dict[str, int | str | None] = {}
         """Tree -> level that an override demands, or why it has none."""
@@ -55,8 +64,14 @@ class Chunks:
         """When the files were looked at [s]."""
         self._key: Any = None
 
-    def read(self, path: str, prim: Usd.Prim, at: float | None) -> TreeSpec:
+    def read(self, path: str, prim: Usd.Prim, bits: DirtyBits, at: float | None) -> TreeSpec:
         """Read the tree at `path`; its chunks are read when they are drawn.
+
+        Args:
+            path: Path of the tree.
+            prim: Its prim.
+            bits: What may have changed; TOPOLOGY stands for the table and the chunks' paths.
+            at: Time code of the grade.
 
         Raises:
             UsdSplatError: If the tree cannot be drawn.
@@ -65,18 +80,21 @@ class Chunks:
             kind = Sdf.Notice.LayersDidChange
             self._key = Tf.Notice.RegisterGlobally(kind, self._collect)
         code = Usd.TimeCode.Default() if at is None else Usd.TimeCode(at)
-        self._levels[path] = _level(prim, code)
-        tree, level = read_tree(prim), tree_level(prim, code)
-        self._of_trees[path] = tree
+        self._levels[path], level = _level(prim, code), tree_level(prim, code)
+        if bits & DirtyBits.TOPOLOGY:
+            self._of_trees.pop(path, None)
+        tree = self._tree(path, prim)
         tokens = {each: self._token(each) for each in tree.chunks}
         self._tokens |= tokens
-        space = tree.color_space
+        space = schema.color_space(prim)
         color_space(space, where=f"{prim.GetPath()} color space")
         mode, footprint = cast(RasterizeMode, schema.rasterize_mode(prim)), schema.footprint(prim)
+        live = self._live.get(path, {})
         return TreeSpec(
-            table=tree.table if level is None else fixed_at(tree.table, level),
+            table=_grown(tree.table if level is None else fixed_at(tree.table, level), live),
+            live={node: each.cloud for node, each in live.items()},
             chunks=tuple(tokens[each] for each in tree.chunks),
-            load=_Loader(str(prim.GetPath()), tree),
+            load=_Loader(str(prim.GetPath()), tree, self._changed_since(path, tokens)),
             degree=tree.degree,
             color_space=space,
             rasterize_mode="footprint" if footprint and mode == "classic" else mode,
@@ -86,36 +104,69 @@ class Chunks:
             grade=grade_matrix(schema.grade(prim, at), space),
         )
 
-    def changed_trees(self) -> set[str]:
-        """Return the paths of the trees of which a chunk has changed since they were read.
+    def update(
+        self, path: str, entry: RprimEntry | None, node: int, cloud: SplatCloud | None
+    ) -> None:
+        """Set the live splats of a node of the tree at `path`, or remove them if `cloud` is None.
+
+        Raises:
+            UsageError: If there is no such node, or the cloud has another number of splats or
+                another degree than the node.
+            UsdSplatError: If there is no tree that can be drawn.
+        """
+        if entry is None or not entry.is_tree:
+            raise StageError(path, "no splat tree", "the path of one")
+        tree = self._tree(path, entry.prim)
+        if not 0 <= node < len(tree.table):
+            raise UsageError(f"node of {path}", str(node), f"0 to {len(tree.table) - 1}")
+        live = self._live.setdefault(path, {})
+        if cloud is None:
+            live.pop(node, None)
+            return
+        found = f"{len(cloud)} splats of degree {cloud.sh_degree}"
+        expected = f"{tree.table.sizes[node]} splats of degree {tree.degree}"
+        if found != expected:
+            raise UsageError(f"node {node} of {path}", found, expected)
+        live[node] = _Live(cloud, extent(cloud))
+
+    def changed_trees(
+        self, fields: Mapping[str, RprimEntry], code: Usd.TimeCode, *, edited: bool
+    ) -> set[str]:
+        """Return the paths of the trees of which a chunk, or the override of their level, has
+        changed since they were read.
 
         Files are looked at once in POLL seconds.
+
+        Args:
+            fields: The trees by path, and other fields.
+            code: Time of the overrides.
+            edited: Whether the stage or the time may have changed: overrides are looked at.
         """
         with self._lock:
             changed, self._changed = self._changed, set()
         chunks = {chunk for tree in self._of_trees.values() for chunk in tree.chunks if chunk}
         self._edits.update(changed & chunks)
+        completed: set[str] = set()
         now = time.monotonic()
         if now - self._looked >= POLL:
             self._looked = now
             changed |= {each for each in chunks if self._tokens.get(each) != self._token(each)}
+            completed = self._completed()
         changed.discard("")  # a chunk without a file
-        return {path for path, tree in self._of_trees.items() if changed.intersection(tree.chunks)}
-
-    def changed_levels(self, fields: Mapping[str, RprimEntry], code: Usd.TimeCode) -> list[str]:
-        """Return the paths of the trees that were read with another override of their level.
-
-        Args:
-            fields: The trees by path, and other fields.
-            code: Time of the override.
-        """
-        known = self._levels.items()
-        return [path for path, level in known if _level(fields[path].prim, code) != level]
+        found = {path for path, tree in self._of_trees.items() if changed.intersection(tree.chunks)}
+        for path in completed:
+            del self._of_trees[path]  # its chunks have other paths now
+        levels = self._levels.items() if edited else ()
+        forced = {path for path, level in levels if _level(fields[path].prim, code) != level}
+        return found | completed | forced
 
     def keep(self, paths: Collection[str]) -> None:
         """Forget all trees but those at `paths`."""
         self._of_trees = {path: each for path, each in self._of_trees.items() if path in paths}
         self._levels = {path: each for path, each in self._levels.items() if path in paths}
+        self._live = {path: each for path, each in self._live.items() if path in paths}
+        self._prims = {path: each for path, each in self._prims.items() if path in paths}
+        self._known = {path: each for path, each in self._known.items() if path in paths}
 
     def findings(
         self, path: str, prim: Usd.Prim, problems: Mapping[int, UsdSplatError]
@@ -127,7 +178,9 @@ class Chunks:
             prim: Its prim.
             problems: Chunk -> why it could not be read.
         """
-        tree = self._of_trees[path]
+        tree = self._of_trees.get(path)
+        if tree is None:  # it cannot be read any more, which is a problem of its own
+            return
         yield from missing_chunks(prim, tree)
         there = [number for number in sorted(problems) if tree.chunks[number]]
         yield from broken_chunks(prim, [problems[number] for number in there])
@@ -139,6 +192,36 @@ class Chunks:
             self._key = None
 
     # --- private ---------------------------------------------------------------------------
+
+    def _changed_since(self, path: str, tokens: Mapping[str, tuple[Any, ...]]) -> frozenset[int]:
+        """Return the chunks of the tree at `path` that have changed since its table was read."""
+        known, chunks = self._known[path], self._of_trees[path].chunks
+        return frozenset(i for i, each in enumerate(chunks) if tokens[each] != known[each])
+
+    def _completed(self) -> set[str]:
+        """Return the paths of the trees of which a missing chunk is there now."""
+        incomplete = [path for path, tree in self._of_trees.items() if "" in tree.chunks]
+        found = set()
+        for path in incomplete:
+            prim = self._prims[path]
+            if prim and chunk_files(prim) != self._of_trees[path].chunks:
+                found.add(path)
+        return found
+
+    def _tree(self, path: str, prim: Usd.Prim) -> Tree:
+        """Return the tree at `path`; live splats that do not fit its table are removed."""
+        if path not in self._of_trees:
+            tree = self._of_trees[path] = read_tree(prim)
+            self._prims[path] = prim
+            self._known[path] = {each: self._token(each) for each in tree.chunks}
+            self._live[path] = {
+                node: each
+                for node, each in self._live.get(path, {}).items()
+                if node < len(tree.table)
+                and len(each.cloud) == tree.table.sizes[node]
+                and each.cloud.sh_degree == tree.degree
+            }
+        return self._of_trees[path]
 
     def _token(self, path: str) -> tuple[Any, ...]:
         """Return a token of a chunk's content: its path, file and number of edits."""
@@ -161,18 +244,58 @@ def _level(prim: Usd.Prim, code: Usd.TimeCode) -> int | str | None:
         return str(error)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Live:
+    """Splats in memory that take the place of those of a node."""
+
+    cloud: SplatCloud
+    box: F64 | None
+    """Their extent, shape (2, 3); None without a finite splat."""
+
+
+def _grown(table: NodeTable, live: Mapping[int, _Live]) -> NodeTable:
+    """Return the table with boxes that contain the live splats; the same one if its boxes do."""
+    if not live:
+        return table
+    low, high, parents = table.low.copy(), table.high.copy(), table.parents()
+    for node, each in live.items():
+        at = node
+        while at >= 0 and each.box is not None:
+            low[at] = np.minimum(low[at], np.nextafter(np.float32(each.box[0]), -np.inf))
+            high[at] = np.maximum(high[at], np.nextafter(np.float32(each.box[1]), np.inf))
+            at = int(parents[at])
+    if np.array_equal(low, table.low) and np.array_equal(high, table.high):
+        return table
+    return replace(table, low=low, high=high)
+
+
 class _Loader:
     """Reader of the rows of a tree's chunks."""
 
-    def __init__(self, where: str, tree: Tree) -> None:
-        self._where, self._chunks = where, tree.chunks
+    def __init__(self, where: str, tree: Tree, changed: frozenset[int]) -> None:
+        self._where, self._tree, self._changed = where, tree, changed
         self._reader = ChunkReader(tree.chunks, tree.degree)
 
     def __call__(self, chunk: int, first: int, count: int) -> SplatCloud:
-        path = self._chunks[chunk]
+        path = self._tree.chunks[chunk]
         if not path:
             raise StageError(self._where, f"no file for chunk {chunk}", "a layer")
         try:
-            return self._reader.read(chunk, first, count)
+            if chunk in self._changed:
+                self._check_rows(chunk)
+            found = self._reader.read(chunk, first, count)
         except Tf.ErrorException:
             raise StageError(path, "a file that USD cannot read", "a layer") from None
+        if found.sh_degree != self._tree.degree:
+            wrong = f"harmonics of degree {found.sh_degree}"
+            raise StageError(path, wrong, f"{self._tree.degree}, as in the tree")
+        return found
+
+    def _check_rows(self, chunk: int) -> None:
+        """Raise an error if the chunk has other rows than the nodes: it may be one of a tree that
+        was built anew, whose table has not been read."""
+        table, path = self._tree.table, self._tree.chunks[chunk]
+        rows, expected = chunk_shape(path)[0], int(table.sizes[table.chunk == chunk].sum())
+        if rows != expected:
+            found = f"{rows} splats after a change of the file"
+            raise StageError(path, found, f"{expected}, as in the tree; reload the stage")

@@ -6,7 +6,7 @@ import threading
 import time
 from collections import OrderedDict
 from collections.abc import Callable, Collection, Hashable, Mapping
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
 from dataclasses import dataclass, fields
 
 from usdsplat.core.cloud import SplatCloud
@@ -72,6 +72,7 @@ class NodeCache:
         limit: int,
         lifetime: float,
         waits: bool = True,
+        keep: Collection[Hashable] = (),
     ) -> dict[Hashable, Result]:
         """Return splats, or the error of those that cannot be read.
 
@@ -84,9 +85,10 @@ class NodeCache:
             lifetime: See above.
             waits: Whether to wait until all are read. Otherwise the result has those in memory, and
                 the others are read in the meantime.
+            keep: Keys of what is not dropped either.
 
         Raises:
-            UsageError: If what is wanted exceeds the limit.
+            UsageError: If what is wanted exceeds the limit, or the cache is closed meanwhile.
         """
         needed = sum(each.size for each in wanted.values())
         if needed > limit:
@@ -100,14 +102,19 @@ class NodeCache:
                 entry.used, found[key] = now, entry.result
                 self._entries.move_to_end(key)
             missing = wanted.keys() - found.keys()
-            self._make_room(wanted, limit - sum(wanted[key].size for key in missing), now, lifetime)
+            self._make_room(
+                {*wanted, *keep}, limit - sum(wanted[key].size for key in missing), now, lifetime
+            )
             pending = {key: self._submit(key, wanted[key]) for key in wanted if key in missing}
             if not waits:
                 self._ahead |= missing
                 return found
             self._ahead -= missing
         for key, future in pending.items():
-            found[key] = future.result()
+            try:
+                found[key] = future.result()
+            except CancelledError:
+                raise UsageError("engine", "one that was closed", "an open one") from None
         return found
 
     def cancel_others(self, keys: Collection[Hashable]) -> None:
@@ -118,12 +125,6 @@ class NodeCache:
                 if future is None or future.cancel():
                     self._reading.pop(key, None)
                     self._ahead.discard(key)
-
-    def drop(self, keys: set[Hashable]) -> None:
-        """Drop splats, such as those of edited chunks."""
-        with self._lock:
-            for key in keys & self._entries.keys():
-                del self._entries[key]
 
     def close(self) -> None:
         """Drop everything and end the threads. The cache can be used again afterwards."""
@@ -142,12 +143,12 @@ class NodeCache:
         return sum(entry.size for entry in self._entries.values())
 
     def _make_room(
-        self, wanted: Mapping[Hashable, Request], room: int, now: float, lifetime: float
+        self, kept: Collection[Hashable], room: int, now: float, lifetime: float
     ) -> None:
-        """Drop entries that are old, or that do not fit into `room` bytes."""
+        """Drop entries that are old, or that do not fit into `room` bytes, but those of `kept`."""
         held = self._bytes()
         for key, entry in list(self._entries.items()):
-            if key in wanted:
+            if key in kept:
                 continue
             if now - entry.used > lifetime or held > room:
                 del self._entries[key]

@@ -13,8 +13,9 @@ others, which fades it into its children while a camera approaches.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -26,6 +27,8 @@ from usdsplat.render.screen import Screen
 FADE = NESTED
 """Ratio of the errors at which a node begins and ends to be drawn. It is at most the least ratio of
 the errors of a node and a child, so that three levels are never faded at once."""
+STEP = 32
+"""Least number of nodes that are refined at once: fewer take as long."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -72,12 +75,15 @@ class Reached:
         refined = self.errors[reached] > error
         return Drawn(self.instances[reached], self.nodes[reached], refined)
 
-    def keeping(self, which: Bools) -> Reached:
-        """Return some of the nodes."""
-        return Reached(
-            self.instances[which], self.nodes[which], self.errors[which], self.above[which],
-            self.seen[which], self.shown[which],
-        )  # fmt: skip
+    def keeping(self, which: Bools | I64) -> Reached:
+        """Return some of the nodes, by a mask or by their rows."""
+        return Reached(*(getattr(self, each.name)[which] for each in fields(self)))
+
+
+NONE_REACHED = Reached(
+    np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0), np.empty(0),
+    np.empty(0, np.bool_), np.empty(0, np.bool_),
+)  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -109,6 +115,8 @@ def choose(
 ) -> Cut:
     """Choose the cuts of a picture.
 
+    The work is proportional to the cut, not to the nodes that a larger budget would reach.
+
     Args:
         trees: Their transforms have one entry for each screen.
         screens: Projections of the samples, which share the data window.
@@ -116,78 +124,165 @@ def choose(
         budget: Maximum number of splats in the windows; 0 for any. The roots, and nodes below them
             that have no proxies, are drawn even if they are more.
     """
-    found = [_reached(tree, screens, error) for tree in trees]
-    base, errors, added = 0, [np.empty(0)], [np.empty(0, np.int64)]
-    for tree, (reached, parents) in zip(trees, found, strict=True):
-        table = tree.table
-        sizes = np.where(reached.shown, (table.proxies + table.residents)[reached.nodes], 0)
-        below = np.zeros(len(parents), np.int64)
-        np.add.at(below, parents[parents >= 0], sizes[parents >= 0])
-        refined = reached.errors > error
-        base += int(sizes[parents < 0].sum())
-        errors.append(reached.errors[refined])
-        added.append((below - table.proxies[reached.nodes])[refined])
-    limit, splats = _limit(np.concatenate(errors), base, np.concatenate(added), error, budget)
-    kept = tuple(reached.keeping(reached.above > limit) for reached, _ in found)
-    return Cut(kept, limit, splats)
+    searches = [_Search(tree, screens, error) for tree in trees]
+    while (step := _next_step(searches, error, budget)) is not None:
+        for search in searches:
+            search.refine(step)
+    errors = np.concatenate([np.empty(0), *(each.errors for each in searches)])
+    added = np.concatenate([np.empty(0, np.int64), *(each.added for each in searches)])
+    base = sum(each.base for each in searches)
+    following = max((each.open.errors.max(initial=error) for each in searches), default=error)
+    limit, splats = _limit(errors, base, added, float(following), budget)
+    return Cut(tuple(each.reached(limit) for each in searches), limit, splats)
 
 
-def _limit(errors: F64, base: int, added: I64, error: float, budget: int) -> tuple[float, int]:
+def _next_step(searches: Sequence[_Search], error: float, budget: int) -> float | None:
+    """Return the error above which nodes are refined next; None if no further cut fits.
+
+    It is estimated to fill the budget, as the number of splats of a surface is inverse to the
+    square of their size. At least a quarter of the nodes is refined, so that there are few steps. A
+    step that is too large costs time only.
+    """
+    errors = np.concatenate([np.empty(0), *(each.open.errors for each in searches)])
+    if not len(errors) or not budget:
+        return error if len(errors) else None
+    sizes = np.concatenate([each.open_sizes() for each in searches])
+    order = np.argsort(-errors, kind="stable")
+    ranked, sizes = errors[order], sizes[order]
+    if np.isinf(ranked[0]):
+        return np.finfo(np.float64).max
+    if sum(each.least for each in searches) > budget:
+        return None
+    room = budget - sum(each.splats for each in searches) + sizes.sum()
+    finer = np.cumsum(sizes * ranked**2)
+    expected = finer / ranked**2 + sizes.sum() - np.cumsum(sizes)
+    last = max(int(np.searchsorted(expected, room)), len(ranked) // 4, STEP)
+    if last < len(ranked):
+        least = ranked[last]
+    else:
+        least = min(ranked[-1], math.sqrt(finer[-1] / max(room, 1)))
+    return max(error, float(np.nextafter(least, 0)))
+
+
+def _limit(errors: F64, base: int, added: I64, following: float, budget: int) -> tuple[float, int]:
     """Return the error above which nodes are refined under a budget, and the number of splats.
 
     Nodes with equal errors are refined together.
 
     Args:
-        errors: Errors of the nodes that would be refined without a budget.
+        errors: Errors of the nodes that may be refined.
         base: Number of splats of the roots.
         added: Number of splats that refining each node adds.
+        following: The largest error of the other nodes.
     """
     order = np.argsort(-errors, kind="stable")
     ranked, counts = errors[order], base + np.cumsum(added[order])
-    if budget and len(ranked) and counts[-1] > budget:
+    kept = len(ranked)
+    if budget and kept and counts[-1] > budget:
         # refining may also take splats out of the window: the last fit counts, not the first misfit
         ends = np.append(ranked[1:] < ranked[:-1], True)  # of nodes with equal errors
         fits = np.flatnonzero(ends & ((counts <= budget) | np.isinf(ranked)))
-        first = int(fits[-1]) + 1 if len(fits) else 0
-        error = float(ranked[first]) if first < len(ranked) else error
-    kept = int(np.count_nonzero(ranked > error))
-    return error, int(counts[kept - 1]) if kept else base
+        kept = int(fits[-1]) + 1 if len(fits) else 0
+    limit = float(ranked[kept]) if kept < len(ranked) else following
+    return limit, int(counts[kept - 1]) if kept else base
 
 
-def _reached(tree: TreeView, screens: Sequence[Screen], error: float) -> tuple[Reached, I64]:
-    """Return the nodes that are reached without a budget, level by level, and the row of each
-    one's parent, -1 for a root."""
-    table = tree.table
-    measures = [
-        NodeMeasure(table, screen, placed, tree.tangential)
-        for screen, placed in zip(screens, tree.transforms, strict=True)
-    ]
-    can_refine = table.child_count > 0
-    can_refine[list(tree.closed)] = False
-    m = tree.transforms.shape[1]
-    instances, nodes = np.arange(m), np.zeros(m, np.int64)
-    above, parents = np.full(m, np.inf), np.full(m, -1)
-    levels: list[Reached] = []
-    links, first = [], 0
-    while len(nodes):
+class _Search:
+    """The nodes of one tree that are reached by refining the largest errors first.
+
+    Args:
+        tree: The tree.
+        screens: Projections of the samples.
+        error: Nodes without a larger one [pixel] are never refined.
+    """
+
+    def __init__(self, tree: TreeView, screens: Sequence[Screen], error: float) -> None:
+        self._table, self._error = tree.table, error
+        self._measures = [
+            NodeMeasure(tree.table, screen, placed, tree.tangential)
+            for screen, placed in zip(screens, tree.transforms, strict=True)
+        ]
+        self._can_refine = tree.table.child_count > 0
+        self._can_refine[list(tree.closed)] = False
+        self._reached = [NONE_REACHED]
+        self._floors = np.empty(0, np.int64)
+        """Least number of visible splats in place of each node of `open`."""
+        self._settled = 0
+        """Number of visible splats that are drawn however `open` is refined."""
+        self.open = NONE_REACHED
+        """The nodes that may be refined next."""
+        self.errors = np.empty(0)
+        """Errors of the nodes that are refined [pixel]."""
+        self.added = np.empty(0, np.int64)
+        """Number of visible splats that refining each of them adds."""
+        m = tree.transforms.shape[1]
+        roots = self._reach(np.arange(m), np.zeros(m, np.int64), np.full(m, np.inf))
+        self.base = int(roots.sum())
+        """Number of visible splats of the roots."""
+
+    @property
+    def least(self) -> int:
+        """Least number of visible splats of a cut that refines all nodes of `errors`."""
+        return self._settled + int(self._floors.sum())
+
+    @property
+    def splats(self) -> int:
+        """Number of visible splats of the cut that refines no others."""
+        return self.base + int(self.added.sum())
+
+    def open_sizes(self) -> I64:
+        """Return the number of splats of each node of `open`."""
+        return self._table.sizes[self.open.nodes]
+
+    def refine(self, error: float) -> None:
+        """Refine the nodes with larger errors, and of their children those with larger errors."""
+        table = self._table
+        while (which := self.open.errors > error).any():
+            parents = self.open.keeping(which)
+            self.open, self._floors = self.open.keeping(~which), self._floors[~which]
+            counts = table.child_count[parents.nodes].astype(np.int64)
+            starts = np.cumsum(counts) - counts
+            offsets = np.arange(counts.sum()) - np.repeat(starts, counts)
+            sizes = self._reach(
+                np.repeat(parents.instances, counts),
+                np.repeat(table.first_child[parents.nodes], counts) + offsets,
+                np.repeat(parents.errors, counts),
+            )
+            added = np.add.reduceat(sizes, starts) - table.proxies[parents.nodes]
+            self.errors = np.concatenate([self.errors, parents.errors])
+            self.added = np.concatenate([self.added, added])
+            self._settled += int(table.residents[parents.nodes].sum())
+
+    def reached(self, limit: float) -> Reached:
+        """Return the nodes that refining above the error `limit` reaches, by node, then
+        instance."""
+        found = _joined(self._reached)
+        found = found.keeping(found.above > limit)
+        return found.keeping(np.lexsort((found.instances, found.nodes)))
+
+    def _reach(self, instances: I64, nodes: I64, above: F64) -> I64:
+        """Measure nodes, and return the number of splats of each that can be seen."""
         errors = np.zeros(len(nodes))
-        shown, seen = np.zeros(len(nodes), np.bool_), np.zeros(len(nodes), np.bool_)
-        for measure in measures:
-            measured, in_any, in_window = measure.of(instances, nodes)
-            errors = np.maximum(errors, np.nan_to_num(np.where(in_any, measured, 0), posinf=np.inf))
-            shown |= in_any
-            seen |= in_window
-        errors = np.where(can_refine[nodes], np.minimum(errors, above), 0)
-        levels.append(Reached(instances, nodes, errors, above, seen, shown))
-        links.append(parents)
-        rows = np.flatnonzero(errors > error)
-        counts = table.child_count[nodes[rows]].astype(np.int64)
-        offsets = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
-        parents = np.repeat(first + rows, counts)
-        above = np.repeat(errors[rows], counts)
-        first += len(nodes)
-        instances = np.repeat(instances[rows], counts)
-        nodes = np.repeat(table.first_child[nodes[rows]], counts) + offsets
-    names = ("instances", "nodes", "errors", "above", "seen", "shown")
-    joined = (np.concatenate([getattr(each, name) for each in levels]) for name in names)
-    return Reached(*joined), np.concatenate(links)
+        shown, seen, inside = (np.zeros(len(nodes), np.bool_) for _ in range(3))
+        for measure in self._measures:
+            found = measure.of(instances, nodes)
+            errors = np.maximum(errors, found.errors)
+            shown |= found.shown
+            seen |= found.in_window
+            inside |= found.inside
+        errors = np.where(self._can_refine[nodes], np.minimum(errors, above), 0)
+        reached = Reached(instances, nodes, errors, above, seen, shown)
+        self._reached.append(reached)
+        sizes = np.where(shown, self._table.sizes[nodes], 0)
+        waits = errors > self._error
+        self._settled += int(sizes[~waits].sum())
+        floors = np.where(inside, self._table.least[nodes], self._table.residents[nodes])
+        self._floors = np.concatenate([self._floors, floors[waits]])
+        self.open = _joined([self.open, reached.keeping(waits)])
+        return sizes
+
+
+def _joined(parts: Sequence[Reached]) -> Reached:
+    """Return the nodes of several parts."""
+    names = (each.name for each in fields(Reached))
+    return Reached(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))

@@ -5,11 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
-from usdsplat.core.cloud import F64, I32
+from usdsplat.core.cloud import F64
 from usdsplat.render.lod.cut import TreeView
 from usdsplat.render.lod.tree import Tree, TreeSpec
 from usdsplat.render.sampling import Sample
@@ -30,11 +29,6 @@ class SeenTree:
     """(path, index) of an instance -> its row in the cut."""
     transforms: F64
     """Shape (k, m, 4, 4)."""
-
-    @cached_property
-    def parents(self) -> I32:
-        """Parent of each node, -1 for the root."""
-        return self.spec.table.parents()
 
     def view(self, coarse: Collection[int] = ()) -> TreeView:
         """Return the tree as `choose` takes it; nodes of `coarse` are not refined."""

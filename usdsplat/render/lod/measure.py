@@ -7,6 +7,7 @@ than its parent, because its box lies within its parent's and its error is small
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -23,6 +24,23 @@ Bools = npt.NDArray[np.bool_]
 MARGIN_PIXELS = 1
 """Pixels around the window within which nodes are kept, for samples beside the pixels' centres."""
 ROUNDING = 1e-6
+OUTSIDE = 2e-3
+"""Part of a box's size by which the nodes below may exceed it: more than what `check_nodes` lets
+pass, on all levels together."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Measured:
+    """Measures of p pairs of instance and node; all arrays have the shape (p,)."""
+
+    errors: F64
+    """Projected errors [pixel]; 0 for a node that is not shown."""
+    shown: Bools
+    """Whether a splat of the node or of a node below can touch the display or the data window."""
+    in_window: Bools
+    """Whether one can touch the data window."""
+    inside: Bools
+    """Whether all nodes below are shown too, as the whole box is within the windows."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,13 +57,8 @@ class NodeMeasure:
     transforms: F64
     tangential: bool = False
 
-    def of(self, instances: I64, nodes: I64) -> tuple[F64, Bools, Bools]:
-        """Measure pairs of instance and node.
-
-        Returns:
-            Projected errors [pixel], shape (p,); whether a splat of the node or of a node below can
-            touch the display or the data window; and whether it can touch the data window.
-        """
+    def of(self, instances: I64, nodes: I64) -> Measured:
+        """Measure p pairs of instance and node."""
         low, high = (each[nodes].astype(np.float64) for each in (self.table.low, self.table.high))
         center, half = 0.5 * (low + high), 0.5 * (high - low)
         with np.errstate(invalid="ignore", over="ignore"):
@@ -53,14 +66,17 @@ class NodeMeasure:
             linear = to_camera[:, :3, :3]
             at = np.einsum("pij,pj->pi", linear, center) + to_camera[:, :3, 3]
             box = _Box(linear, at, half)
-            seen = box.between(*self.screen.clipping_range)
-            in_window = seen & self._touches(box, self.screen.window)
+            seen, between = box.between(*self.screen.clipping_range)
+            in_window, inside = self._touches(box, self.screen.window)
             x0, y0, x1, y1 = self.screen.window
             width, height = self.screen.size
             union = min(x0, 0), min(y0, 0), max(x1, width), max(y1, height)
-            shown = in_window if union == (x0, y0, x1, y1) else seen & self._touches(box, union)
-            errors = self._errors(instances, nodes, box)
-        return errors, shown, in_window
+            shown = in_window
+            if union != (x0, y0, x1, y1):
+                shown, inside = self._touches(box, union)
+            shown, in_window, inside = seen & shown, seen & in_window, between & inside
+            errors = np.where(shown, self._errors(instances, nodes, box), 0)
+        return Measured(np.nan_to_num(errors, posinf=np.inf), shown, in_window, inside)
 
     # --- private ---------------------------------------------------------------------------
 
@@ -75,7 +91,7 @@ class NodeMeasure:
         eye = eyes[instances]
         apart = np.linalg.norm(np.maximum(0.0, np.maximum(low - eye, eye - high)), axis=1)
         beside = smallest[instances] * apart * self._least_cosine()
-        depth = np.maximum(np.maximum(box.lowest(0, 0, 1), beside), self.screen.clipping_range[0])
+        depth = np.maximum(np.maximum(box.nearest(), beside), self.screen.clipping_range[0])
         return np.asarray(scaled / np.maximum(depth, np.finfo(np.float64).tiny))
 
     @cached_property
@@ -104,8 +120,9 @@ class NodeMeasure:
         v = max(abs(-0.5 - cy), abs(height - 0.5 - cy)) / fy
         return float(1 / np.sqrt(1 + u * u + v * v))
 
-    def _touches(self, box: _Box, window: tuple[int, int, int, int]) -> Bools:
-        """Return whether the ellipse of a splat in the box can touch a window.
+    def _touches(self, box: _Box, window: tuple[int, int, int, int]) -> tuple[Bools, Bools]:
+        """Return whether the ellipse of a splat in the box can touch a window, and whether that
+        holds for any box within.
 
         A splat reaches REACH standard deviations on the screen, as its box, plus the low-pass. What
         the affine approximation adds is added: it is taken at the splat's centre, not at the border
@@ -114,7 +131,7 @@ class NodeMeasure:
         screen = self.screen
         margin = MARGIN_PIXELS + REACH * np.sqrt(screen.low_pass)
         x0, y0, x1, y1 = window
-        touches = np.ones(len(box.at), np.bool_)
+        touches, inside = np.ones((2, len(box.at)), np.bool_)
         for axis, (first, last) in enumerate(((x0, x1 - 1), (y0, y1 - 1))):
             focal, middle = screen.focal[axis], screen.center[axis]
             size = screen.size[axis]
@@ -124,11 +141,16 @@ class NodeMeasure:
                 (-1, first - margin, (-0.5 - middle) / focal - extra),
             ):
                 slope = (edge - middle) / focal
-                touches &= ~self._is_beyond(box, axis, sign, slope, abs(clamp - slope))
-        return touches
+                beyond, within = self._beside(box, axis, sign, slope, abs(clamp - slope))
+                touches &= ~beyond
+                inside &= within
+        return touches, inside
 
-    def _is_beyond(self, box: _Box, axis: int, sign: int, slope: float, turn: float) -> Bools:
-        """Return whether all splats of the box are beyond one edge of a window.
+    def _beside(
+        self, box: _Box, axis: int, sign: int, slope: float, turn: float
+    ) -> tuple[Bools, Bools]:
+        """Return whether all splats of the box are beyond one edge of a window, and whether the
+        whole box is on the other side.
 
         Args:
             axis: 0 for x, 1 for y.
@@ -139,15 +161,17 @@ class NodeMeasure:
         g = [0.0, 0.0, 0.0]
         g[axis] = float(sign)
         if self.screen.orthographic:
-            return np.asarray(box.lowest(*g) - sign * slope > ROUNDING * (1 + abs(slope)))
-        g[2] = -sign * slope
-        reach = turn * box.half(0, 0, 1)
-        if self.tangential:
-            halves = [box.half(*row) for row in np.eye(3).tolist()]
-            reach = np.linalg.norm(halves, axis=0) + box.half(*g)
-        return np.asarray(
-            box.lowest(*g) - reach > ROUNDING * (1 + abs(slope)) * np.abs(box.at[:, 2])
-        )
+            middle, half = box.at[:, axis] * sign - sign * slope, box.half(*g)
+            beyond = middle - half > ROUNDING * (1 + abs(slope))
+        else:
+            g[2] = -sign * slope
+            middle, half = _weighted(g, box.at), box.half(*g)
+            reach = turn * box.half(0, 0, 1)
+            if self.tangential:
+                halves = [box.half(*row) for row in np.eye(3).tolist()]
+                reach = np.linalg.norm(halves, axis=0) + half
+            beyond = middle - half - reach > ROUNDING * (1 + abs(slope)) * np.abs(box.at[:, 2])
+        return np.asarray(beyond), np.asarray(middle + (1 + OUTSIDE) * half <= 0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -163,15 +187,30 @@ class _Box:
 
     def half(self, x: float, y: float, z: float) -> F64:
         """Return half of the extent along a direction in camera space."""
-        along = np.einsum("i,pij->pj", np.array([x, y, z], np.float64), self.linear)
-        return np.asarray((np.abs(along) * self.size).sum(axis=1))
+        return np.asarray((np.abs(_weighted((x, y, z), self.linear)) * self.size).sum(axis=1))
 
-    def lowest(self, x: float, y: float, z: float) -> F64:
-        """Return the minimum of a linear function over the box."""
-        return np.asarray(self.at @ np.array([x, y, z], np.float64) - self.half(x, y, z))
+    def nearest(self) -> F64:
+        """Return the least planar depth."""
+        return np.asarray(self.at[:, 2] - self.half(0, 0, 1))
 
-    def between(self, near: float, far: float) -> Bools:
-        """Return whether the box is partly between two planar depths."""
-        nearest, farthest = self.lowest(0, 0, 1), -self.lowest(0, 0, -1)
+    def between(self, near: float, far: float) -> tuple[Bools, Bools]:
+        """Return whether the box is partly between two planar depths, and whether all boxes within
+        are."""
+        depth, half = self.at[:, 2], self.half(0, 0, 1)
+        nearest, farthest = depth - half, depth + half
         slack = ROUNDING * (np.abs(nearest) + np.abs(farthest))
-        return np.asarray((farthest + slack >= near) & (nearest - slack <= far))
+        partly = (farthest + slack >= near) & (nearest - slack <= far)
+        more = (1 + OUTSIDE) * half
+        return np.asarray(partly), np.asarray((depth - more >= near) & (depth + more <= far))
+
+
+def _weighted(weights: Sequence[float], rows: F64) -> F64:
+    """Return the weighted sum over the second axis, of three elements.
+
+    Each result depends on its own row only. With `@`, the last bit would depend on their number.
+    """
+    found = np.zeros_like(rows[:, 0])
+    for axis, weight in enumerate(weights):
+        if weight:
+            found += weight * rows[:, axis]
+    return found

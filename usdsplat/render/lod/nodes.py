@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import operator
-from collections.abc import Hashable, Sequence
+from collections.abc import Collection, Hashable, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -150,7 +150,8 @@ class PictureNodes:
             missing = wanted.keys() - results.keys()
             needed = {name: wanted[name] for name in missing if not self._replace(name, coarse)}
             if needed:
-                results |= self._read(cache, needed, waits=True)
+                kept = {wanted[name][0] for name in results}
+                results |= self._read(cache, needed, waits=True, keep=kept)
             failed = {
                 name: result
                 for name, result in results.items()
@@ -205,51 +206,57 @@ class PictureNodes:
         found = tree.requests.get(part)
         if found is None:
             first, count = _rows(spec, part)
-            chunk = int(spec.table.chunk[part[0]])
-            read = partial(spec.load, chunk, first, count)
+            read = partial(spec.read, part[0], first, count)
             request = Request(read=read, size=count * spec.splat_bytes)
-            found = tree.requests[part] = (spec.chunks[chunk], first, count), request
+            found = tree.requests[part] = spec.key(part[0], first, count), request
         return found
 
-    def _read(self, cache: NodeCache, wanted: Wanted, *, waits: bool) -> dict[Name, Result]:
-        """Return the splats of parts of nodes, or why they cannot be read."""
+    def _read(
+        self,
+        cache: NodeCache,
+        wanted: Wanted,
+        *,
+        waits: bool,
+        keep: Collection[Hashable] = (),
+    ) -> dict[Name, Result]:
+        """Return the splats of parts of nodes, or why they cannot be read; those of the keys `keep`
+        stay in memory."""
         found = cache.get(
             dict(wanted.values()),
             limit=self._settings.node_memory * MIB,
             lifetime=self._settings.node_lifetime,
             waits=waits,
+            keep=keep,
         )
         return {name: found[key] for name, (key, _) in wanted.items() if key in found}
 
     def _replace(self, name: Name, coarse: dict[str, set[int]]) -> bool:
-        """Draw the parent in place of a node that is not in memory; return False if there is none
-        with proxies."""
+        """Draw a coarser node in place of one that is not in memory; return False if there is
+        none."""
         path, (node, _) = name
-        seen = self._seen[path]
-        parent = int(seen.parents[node])
-        if parent < 0 or not seen.spec.table.proxies[parent]:
-            return False
-        coarse[path].add(parent)
-        return True
+        stand_in = _stand_in(self._seen[path].spec.table, node)
+        if stand_in is not None:
+            coarse[path].add(stand_in)
+        return stand_in is not None
 
     def _last_error(self, cut: Cut) -> float:
         """Return the largest error [pixel] of an inner node that any sample draws."""
         return cut.error_at(1.0 if self._fades else 0.0)
 
     def _give_up(self, failed: dict[Name, UsdSplatError]) -> bool:
-        """Close the parents of nodes that cannot be read. Return whether another cut is needed.
+        """Close the nodes above those that cannot be read. Return whether another cut is needed.
 
-        A node without a parent that could be drawn is left out.
+        A node with none above that could be drawn is left out.
         """
         changed = False
         for (path, (node, _)), error in failed.items():
             tree = self._seen[path].tree
             tree.problems[int(tree.spec.table.chunk[node])] = error
-            parent = int(self._seen[path].parents[node])
-            if parent < 0 or not tree.spec.table.proxies[parent] or parent in tree.closed:
+            stand_in = _stand_in(tree.spec.table, node)
+            if stand_in is None or stand_in in tree.closed:
                 tree.lost.add(node)
             else:
-                tree.closed.add(parent)
+                tree.closed.add(stand_in)
             changed = True
         return changed
 
@@ -335,6 +342,14 @@ def _parts(table: NodeTable, cut: Reached, most: float) -> tuple[Parts, Parts]:
     captured = (table.residents[nodes] > 0) | (is_leaf & has_proxies)
     inner = ~is_leaf & has_proxies & (cut.errors <= most)
     return _by_node(cut, captured, is_inner=False), _by_node(cut, inner, is_inner=True)
+
+
+def _stand_in(table: NodeTable, node: int) -> int | None:
+    """Return the nearest node above that has proxies; None if there is none."""
+    above = int(table.parents()[node])
+    while above >= 0 and not table.proxies[above]:
+        above = int(table.parents()[above])
+    return above if above >= 0 else None
 
 
 def _by_node(cut: Reached, drawn: Bools, *, is_inner: bool) -> Parts:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from usdsplat.core.cloud import F32, F64, I64, SplatCloud
+from usdsplat.core.edit import take
 from usdsplat.core.errors import UsdSplatError
 from usdsplat.core.node_cuts import level_cut
 from usdsplat.core.node_table import MOST_LEVELS, NodeTable
@@ -43,6 +44,8 @@ class TreeSpec:
     """Token of each chunk, which is replaced when the chunk's content changes. Trees with equal
     tokens share the splats in memory."""
     load: Load
+    live: Mapping[int, SplatCloud] = field(default_factory=dict)
+    """Node -> splats in memory that take the place of its chunk's rows, as many."""
     degree: int = 0
     """Degree of the harmonics."""
     color_space: str = "srgb_rec709_scene"
@@ -56,6 +59,27 @@ class TreeSpec:
     def drawn_mode(self, mode: str) -> RasterizeMode:
         """Return how the low-pass changes the opacity of leaves, as for fields."""
         return drawn_mode(mode, self.rasterize_mode, self.footprint)
+
+    def key(self, node: int, first: int, count: int) -> Hashable:
+        """Return a key of the content of rows of a node's chunk."""
+        source = self.live.get(node, self.chunks[int(self.table.chunk[node])])
+        return source, first, count
+
+    def read(self, node: int, first: int, count: int) -> SplatCloud:
+        """Return rows of a node's chunk, or the live splats in their place; see `Load`."""
+        if node not in self.live:
+            return self.load(int(self.table.chunk[node]), first, count)
+        start = first - int(self.table.first_row[node])
+        return take(self.live[node], np.arange(start, start + count))
+
+    def draws_alike(self, other: TreeSpec) -> bool:
+        """Return whether equal splats of a node are the same field of a draw list."""
+        names = (
+            "degree", "color_space", "rasterize_mode", "projection_mode", "sorting_mode",
+            "footprint", "grade",
+        )  # fmt: skip
+        same = all(getattr(self, name) == getattr(other, name) for name in names)
+        return same and np.array_equal(self.first_elements(), other.first_elements())
 
     @property
     def splat_bytes(self) -> int:
@@ -137,8 +161,10 @@ class Tree:
         return np.concatenate(found)
 
     def replace(self, spec: TreeSpec) -> None:
-        """Replace the tree. Splats of unchanged chunks stay in the cache."""
+        """Replace the tree. Splats of unchanged chunks stay in the cache, and prepared."""
+        if not spec.draws_alike(self.spec):
+            self.fields = {}
         self.spec, self.elements = spec, spec.first_elements()
         self.problems, self.closed, self.lost = {}, set(), set()
-        self.fields, self.requests = {}, {}
+        self.requests = {}
         self.subject = None
