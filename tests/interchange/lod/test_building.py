@@ -66,6 +66,18 @@ def splats_of(table, chunks, node):
     return edit.take(chunks[table.chunk[node]], rows)
 
 
+def test_errors_are_at_least_the_pixel(scan, tmp_path):
+    """From closer than the pixel of the photographs, leaves are drawn. Oracle: the given pixel; an
+    absurd one still gives a finite error."""
+    for pixel in (0.5, 1e300):
+        options = LodOptions(leaf_splats=2048, pixel=pixel)
+        report = build_tree(scan, tmp_path / "t.usda", options=options)
+        _, table, _ = opened(tmp_path / "t.usda")
+        inner = table.errors[table.child_count > 0]
+        assert min(pixel, 1e38) <= inner.min() and np.isfinite(inner).all()
+        assert report.errors[0] == inner.min()
+
+
 def test_leaves_and_residents_are_the_capture(scan, tmp_path):
     """Oracle: the capture: its positions are exact, other values within the packed form."""
     report = build_tree(scan, tmp_path / "t.usda", options=SMALL)

@@ -32,6 +32,8 @@ MEASURED = (4, 2, 1)
 MOST_SPLATS, MOST_BYTES = 600_000, 96 << 20
 """Nodes with more splats below, or larger ones, are not measured, because of time and memory."""
 
+_LARGEST = float(np.finfo(np.float32).max)
+
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class ErrorMeter:
@@ -65,7 +67,12 @@ class ErrorMeter:
             factors: Errors relative to sizes for the height 1, 2, ..., the last one also above.
         """
         height = np.clip(above - 1, 0, len(factors) - 1)
-        return np.where(above > 0, np.maximum(factors[height] * self.sizes, self.pixel), 0.0)
+        return np.where(above > 0, np.maximum(factors[height] * self.sizes, self._closest), 0.0)
+
+    @property
+    def _closest(self) -> float:
+        """Size of the pixel from which on nodes are drawn [unit], in the range of the table."""
+        return min(self.pixel, _LARGEST)
 
     def _factors(self, above: I32, progress: Progress) -> F64:
         """Return errors relative to typical sizes for nodes of the height 1, 2, ..."""
@@ -80,7 +87,7 @@ class ErrorMeter:
         found: list[list[float]] = [[] for _ in MEASURED]
         for done, (height, node) in enumerate(asked):
             progress.step("measuring errors", done, len(asked))
-            least = self.pixel
+            least = self._closest
             if lower := [_mean(each) for each in found[: height - 1] if each]:
                 first, count = self.table.first_child[node], self.table.child_count[node]
                 errors = self._estimated(above, np.array(lower))[first : first + count]
