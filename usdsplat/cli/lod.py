@@ -59,7 +59,7 @@ class Options:
     get the low-pass of classic pictures at this size; 0 for none; default: as authored, else that
     of a picture of 540 lines that frames an input"""
     leaf_splats: Annotated[int | None, option("N")] = None
-    """largest number of splats of a node, 256 to 65536; default: 65536"""
+    """largest number of splats of a node, 256 to 65536; default: 16384"""
     sh_degree: Annotated[int | None, option("DEGREE")] = None
     """highest degree of the harmonics, 0 to 4; default: that of the inputs"""
     axes: Annotated[str | None, option("AXES")] = None
@@ -79,9 +79,8 @@ class Options:
 
 def run(options: Options, reporter: Reporter) -> int:
     """Build the tree and print a report."""
-    from usdsplat.core.node_table import NODE_SPLATS
     from usdsplat.interchange.lod import LodOptions, build_tree
-    from usdsplat.interchange.lod.options import MEMORY
+    from usdsplat.interchange.lod.options import LEAF_SPLATS, MEMORY
     from usdsplat.kernels.compiling import on_compile
 
     if options.output is None:
@@ -106,7 +105,7 @@ def run(options: Options, reporter: Reporter) -> int:
                 meters_per_unit=options.meters_per_unit,
                 time=time_code(options.frame),
                 sh_degree=options.sh_degree,
-                leaf_splats=NODE_SPLATS if options.leaf_splats is None else options.leaf_splats,
+                leaf_splats=LEAF_SPLATS if options.leaf_splats is None else options.leaf_splats,
                 pixel=options.pixel,
                 memory_limit=bytes_of(options.memory_limit) or MEMORY,
             ),

@@ -152,10 +152,11 @@ def test_conversions_of_fields_leave_them_alone(built, tmp_path, flatten):
 
 
 def test_they_are_in_no_simulation(built):
-    """Oracle: the collection of a simulation of the whole stage, with a field beside the tree."""
+    """Oracle: the collection of a simulation of the whole stage, which has the tree itself and a
+    field beside it."""
     stage, _ = root_of(built[0])
     schema.author(stage, "/t/Ball", ground(50))
     simulation = stage.DefinePrim("/Sim", "SplatSim")
     Usd.CollectionAPI.Apply(simulation, "splats").IncludePath("/t")
     members, left_out = splats(stage, simulation)
-    assert ([str(each.GetPath()) for each in members], left_out) == (["/t/Ball"], [])
+    assert ([str(each.GetPath()) for each in members], left_out) == (["/t/Ball", "/t/splats"], [])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
+
 import numpy as np
 
 from usdsplat.core.node_table import NESTED, NodeTable, check_nodes, nested
@@ -39,5 +41,5 @@ def test_nested_errors_are_raised_where_they_must_be():
     assert (flat[[0, 1, 4]] > 0).all() and (flat[[2, 3, 5]] == 0).all()
     for errors in (found, flat):
         whole = table()
-        values = {name: getattr(whole, name) for name in NodeTable.__slots__}
+        values = {each.name: getattr(whole, each.name) for each in fields(NodeTable)}
         check_nodes(NodeTable(**{**values, "errors": errors}), "tree", chunks=1)

@@ -6,11 +6,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from usdsplat.core.findings import Finding
-from usdsplat.core.node_table import NODE_SPLATS
 from usdsplat.formats import READ_OPTIONS, ReadOptions
 
 MEMORY = 4 << 30
 """Default limit of memory [byte]."""
+LEAF_SPLATS = 16_384
+"""Default size of nodes [splat]. With more, a node spans too many sizes on the screen: at equal
+budgets, views of a city are up to twice as coarse with 65,536. With 8,192, trees are not better,
+and take 20 % longer to build."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -28,7 +31,7 @@ class LodOptions:
     """Time code of stages; None is the default value, or the first sample where there is none."""
     sh_degree: int | None = None
     """Highest degree of the harmonics, 0 to 4; None is the highest of the inputs."""
-    leaf_splats: int = NODE_SPLATS
+    leaf_splats: int = LEAF_SPLATS
     """Largest number of splats of a leaf, and of proxies of a node."""
     pixel: float | None = None
     """Size of the pixel whose low-pass is baked into merged splats [unit of the file]; 0 bakes
