@@ -55,8 +55,20 @@ def test_no_leaf_is_large_or_tiny(spread):
     assert sum(sizes) == 5000
     assert max(sizes) <= 100 and min(sizes) >= 101 // LEAST_PART
     tree = counts(partition(Keys(keys_of(5000)), 100))
-    assert {len(below) for _, below in tree} <= {0, 2, 3, 4}
+    assert {len(below) for _, below in tree} <= {0, 1, 2, 3, 4}
     assert all(n == sum(below) for n, below in tree if below)
+
+
+def test_a_leaf_beside_inner_nodes_is_an_only_child():
+    """Oracle: the definition, on a dense half, whose quarters are divided, and a sparse one, which
+    is a leaf."""
+    runs = Keys(np.arange(270) * (ALL // 2 // 270), ALL // 2 + np.arange(95) * (ALL // 2 // 95))
+    nodes = partition(runs, 100).breadth_first()
+    are_leaves = [{not child.children for child in node.children} for node in nodes]
+    assert all(len(kinds) <= 1 for kinds in are_leaves)
+    single = [node for node in nodes if len(node.children) == 1]
+    assert single and all(not node.children[0].children for node in single)
+    assert all(node.span is node.children[0].span for node in single)
 
 
 def test_a_uniform_range_is_divided_at_the_coarsest_plane():

@@ -27,7 +27,7 @@ from usdsplat.kernels.device import Device
 from usdsplat.render.specs import RasterizeMode
 
 _Load = Callable[[int], SplatCloud]
-MEASURED = (4, 2, 1)
+MEASURED = (16, 4, 2)
 """Number of nodes that are measured with leaves at most 1, 2, 3 levels below."""
 MOST_SPLATS, MOST_BYTES = 600_000, 96 << 20
 """Nodes with more splats below, or larger ones, are not measured, because of time and memory."""
@@ -55,8 +55,10 @@ class ErrorMeter:
     def errors(self, progress: Progress) -> F32:
         """Return the errors of all nodes [unit], 0 for leaves, shape (n,)."""
         above = heights(self.table)
-        factors = self._factors(above, progress)
-        return nested(self._estimated(above, factors), self.table)
+        factors, measured = self._measured(above, progress)
+        estimated = self._estimated(above, factors)
+        estimated[list(measured)] = list(measured.values())
+        return nested(estimated, self.table)
 
     def _estimated(self, above: I32, factors: F64) -> F64:
         """Return errors [unit] by height and size, not nested, 0 for leaves; from closer than the
@@ -74,8 +76,9 @@ class ErrorMeter:
         """Size of the pixel from which on nodes are drawn [unit], in the range of the table."""
         return min(self.pixel, _LARGEST)
 
-    def _factors(self, above: I32, progress: Progress) -> F64:
-        """Return errors relative to typical sizes for nodes of the height 1, 2, ..."""
+    def _measured(self, above: I32, progress: Progress) -> tuple[F64, dict[int, float]]:
+        """Return errors relative to typical sizes for nodes of the height 1, 2, ..., and the errors
+        of the measured nodes [unit]."""
         below, few = splats_below(self.table), MOST_BYTES // splat_bytes(self.degree)
         is_fit = (below <= min(few, MOST_SPLATS)) & (self.sizes > 0)
         asked = [
@@ -85,6 +88,7 @@ class ErrorMeter:
         ]
         comparison, load = Comparison(self.device), lru_cache(maxsize=2)(self._chunk)
         found: list[list[float]] = [[] for _ in MEASURED]
+        measured: dict[int, float] = {}
         for done, (height, node) in enumerate(asked):
             progress.step("measuring errors", done, len(asked))
             least = self._closest
@@ -94,8 +98,9 @@ class ErrorMeter:
                 least = max(least, NESTED * float(errors.max()))
             error = comparison.error(self._pair(node, load), self.sizes[node], least)
             found[height - 1].append(error / self.sizes[node])
+            measured[node] = error
         progress.step("measuring errors", len(asked), len(asked))
-        return np.array([_mean(each) for each in found if each] or [1.0])
+        return np.array([_mean(each) for each in found if each] or [1.0]), measured
 
     def _pair(self, node: int, load: _Load) -> Pair:
         """Return what is drawn of a node, of its children, and of the leaves below."""

@@ -66,8 +66,12 @@ class Branch:
 
 
 def partition(runs: SortedRuns, most: int) -> Branch:
-    """Return the tree of all splats, with at most `most` in a leaf and 2 to 4 children of a
-    node."""
+    """Return the tree of all splats, with at most `most` in a leaf and 2 to 4 children of a node.
+
+    A leaf beside inner nodes gets a node of its own above it, of which it is the only child. Their
+    parent has a much larger error than a leaf's own would be: without that node, the splats of the
+    leaf would be drawn from so far that they are too dense.
+    """
     counts = runs.counts
     return _branch(runs, Span(first=np.zeros_like(counts), last=counts, low=0, high=_ALL), most)
 
@@ -79,7 +83,13 @@ def _branch(runs: SortedRuns, span: Span, most: int) -> Branch:
     parts: list[Span] = []
     for half in halves(runs, span):
         parts.extend(halves(runs, half) if half.count > most else (half,))
-    return Branch(span=span, children=tuple(_branch(runs, part, most) for part in parts))
+    children = [_branch(runs, part, most) for part in parts]
+    if any(child.children for child in children):
+        children = [
+            child if child.children else Branch(span=child.span, children=(child,))
+            for child in children
+        ]
+    return Branch(span=span, children=tuple(children))
 
 
 def halves(runs: SortedRuns, span: Span) -> tuple[Span, Span]:

@@ -32,7 +32,7 @@ LEAST_EDGE = 8
 WITHIN = 0.95
 """Part of the splats around the middle of a node that is in its pictures, if they are not EDGE
 pixels wide."""
-SMALLEST = 0.25
+SMALLEST = 1 / 16
 """Smallest error, relative to the typical size of the proxies."""
 NEARLY = 1.0
 """Difference of two pictures that counts as none [dB]."""
