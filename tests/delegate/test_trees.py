@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from pxr import Gf, Sdf, UsdGeom
+from pxr import Gf, Sdf, UsdGeom, Vt
 
 from tests.delegate.stages import add_camera
 from tests.delegate.tree_stages import field_stage, tree_stage, write_chunk
@@ -15,7 +15,9 @@ from tests.render.rendering import random_cloud
 from usdsplat import schema
 from usdsplat.delegate.engine import Engine
 from usdsplat.delegate.scene_delegate import trees
+from usdsplat.render.lod import nodes
 from usdsplat.render.settings import RenderSettings
+from usdsplat.render.specs import CropSpec
 from usdsplat.schema import chunks
 
 LEAVES = RenderSettings(lod_error=0.0)
@@ -271,6 +273,62 @@ def test_a_tree_that_becomes_a_field_and_back_is_drawn_as_each(tmp_path):
         np.testing.assert_array_equal(engine.picture(view)["color"], pictured(stage)["color"])
         prim.SetTypeName("ParticleFieldSplatTree")
         np.testing.assert_array_equal(engine.picture(view, LEAVES)["color"], as_tree)
+
+
+def test_a_field_beside_a_tree_is_drawn_as_it_is_now(tmp_path):
+    """Oracle: a new engine, after edits of the field, at another time, and with splats that move
+    within the shutter."""
+    stage, _ = tree_stage(tmp_path)
+    add_camera(stage)
+    clouds = [random_cloud(9, 40)]
+    clouds.append(replace(clouds[0], positions=clouds[0].positions + np.float32(0.4)))
+    prim = schema.author(stage, "/World/Ball", clouds[0])
+    with Engine(stage, device="cpu") as engine:
+        view = engine.view("/Camera", resolution=(80, 60))
+
+        def assert_drawn(settings=LEAVES):
+            found = engine.picture(view, settings)["color"].copy()
+            with Engine(stage, device="cpu") as other:
+                other.set_time(engine.time)
+                np.testing.assert_array_equal(found, other.picture(view, settings)["color"])
+            return found
+
+        before = assert_drawn()
+        schema.author(stage, "/World/Ball", clouds[1])
+        assert np.abs(assert_drawn() - before).max() > 0.1
+        positions = prim.GetAttribute("positions")
+        for time, cloud in enumerate(clouds):
+            positions.Set(Vt.Vec3fArray.FromNumpy(cloud.positions), time)
+        for time in (0.0, 1.0, 0.5):
+            engine.set_time(time)
+            assert_drawn()
+        camera = UsdGeom.Camera(stage.GetPrimAtPath("/Camera"))
+        camera.CreateShutterOpenAttr(-0.5)
+        camera.CreateShutterCloseAttr(0.5)
+        view = engine.view("/Camera", resolution=(80, 60))
+        assert_drawn(replace(LEAVES, samples=4))
+
+
+def test_a_tree_is_laid_out_once_for_a_crop_or_a_grade(tmp_path, monkeypatch):
+    """Oracle: the calls: equal cuts of a moving camera need one layout."""
+    stage, _ = tree_stage(tmp_path)
+    moved(stage)
+    calls, laid_out = [], nodes.laid_out
+    monkeypatch.setattr(nodes, "laid_out", lambda *a, **k: calls.append(0) or laid_out(*a, **k))
+    with Engine(stage, device="cpu") as engine:
+        view = engine.view("/Camera", resolution=(80, 60))
+        engine.picture(view, LEAVES)
+        crop = CropSpec(shape="sphere", world_to_shape=tuple(np.eye(4).ravel()), keeps=True)
+        engine.render_scene.set_crops("/World/Tree", (crop,))
+        engine.picture(view, LEAVES)
+        stage.GetPrimAtPath("/World/Tree").GetAttribute("splat:grade:exposure").Set(0.2)
+        engine.picture(view, LEAVES)
+        calls.clear()
+        camera = UsdGeom.Camera(stage.GetPrimAtPath("/Camera"))
+        for length in (30.0, 30.5, 31.0):
+            camera.GetFocalLengthAttr().Set(length)
+            engine.picture(engine.view("/Camera", resolution=(80, 60)), LEAVES)
+        assert not calls
 
 
 def test_a_closed_engine_watches_no_layers(tmp_path):

@@ -152,7 +152,7 @@ def _to_streamed(
         expected = "one stage with splat trees, such as usdsplat lod writes"
         raise UsageError(str(target), ", ".join(map(str, sources)), expected)
     if edits or export.split or export.trees != LEAVES:
-        found = "edits, --split, --lod or --max-splats"
+        found = "edits, --split, --lod, --max-splats or --camera"
         raise UsageError(str(target), found, "none of these: all levels of the trees are written")
     reading = StageReading(prim_path=options.prim_path, time=export.time)
     axes = None if options.axes == AUTO else options.axes

@@ -74,12 +74,14 @@ def write_streamed(
     turn[:3, :3] = change_axes(stage_frame(stage), frame)
     places = [_Place(item, turn @ matrix) for item in found for matrix in item.to_world]
     with output_group():
-        writer = _Writer(target, progress)
+        writer, done = _Writer(target), 0
+        total = sum(each.levels * each.leaves for each in places)
         for place in places:
             for level in range(place.levels):
                 for leaf, cloud in place.splats(level):
                     writer.add(place, level, leaf, cloud)
-                    progress.step(f"writing {target}", *writer.done(places))
+                    done += 1
+                    progress.step(f"writing {target}", done, total)
         writer.finish(places)
     prims = [item.prim for item in found]
     return ExportReport(
@@ -126,6 +128,11 @@ class _Place:
         for level in range(self.levels):
             cut = level_cut(table, level)
             TreeReading(self.item.prim, self.tree, cut).check_chunks()
+
+    @property
+    def leaves(self) -> int:
+        """Number of leaves of the tree."""
+        return int((self.tree.table.child_count == 0).sum())
 
     def splats(self, level: int) -> Iterator[tuple[int, SplatCloud]]:
         """Yield the leaves with splats of a level, and these, in the coordinates of the file."""
@@ -189,19 +196,14 @@ class _Place:
 class _Writer:
     """The SOG files of a streamed SOG, of which one for each level is being filled."""
 
-    def __init__(self, target: Path, progress: Progress) -> None:
-        self._target, self._progress = target, progress
+    def __init__(self, target: Path) -> None:
+        self._target = target
         self._names: list[str] = []
         self._filled: dict[tuple[int, bool], tuple[int, list[SplatCloud]]] = {}
         """(level, whether it is antialiased) -> number of the file, splats."""
         self._units: dict[int, int] = {}
         self.counts: dict[int, int] = {}
         """Number of splats of each level."""
-
-    def done(self, places: list[_Place]) -> tuple[int, int]:
-        """Return the number of leaves of levels that are written, and of all."""
-        every = sum(each.levels * int((each.tree.table.child_count == 0).sum()) for each in places)
-        return sum(len(lods) for each in places for lods in each.lods.values()), every
 
     def add(self, place: _Place, level: int, leaf: int, cloud: SplatCloud) -> None:
         """Add the splats of a level of a leaf."""

@@ -125,7 +125,7 @@ class DrawList:
         return self.groups[-1].slot + self.groups[-1].slots if self.groups else 0
 
     def hiding(self, appearances: npt.NDArray[np.bool_]) -> DrawList:
-        """Return the same layout, none of whose appearances is hidden, with some of them hidden."""
+        """Return the layout with some appearances hidden; none may be hidden before."""
         if not appearances.any():
             return self
         splats = self.splats - int(self.sizes[appearances].sum())

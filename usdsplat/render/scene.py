@@ -124,6 +124,7 @@ class RenderScene:
     def set_field(self, path: str, spec: FieldSpec) -> None:
         """Add the field at `path`, or replace its splats."""
         self._forget_order()
+        self.laid = None  # it has the splats of the field
         if path in self._fields:
             self._fields[path].replace(spec)
         else:

@@ -205,9 +205,9 @@ def tree_level(prim: Usd.Prim, time: Usd.TimeCode) -> int | None:
     """Return the level of a splat tree that an override demands; None if views choose.
 
     The override is that of the tree itself, or else the one that acts on the LOD root that the tree
-    names, or else the nearest one above the tree. `indexedLOD` is a level of the tree, 0 the leaves
-    and one above the root's the root; `allLOD` and `noLOD` are the leaves, because a tree is no
-    item.
+    names; of a tree without a root, the nearest one above it. `indexedLOD` is a level of the tree,
+    0 the leaves and one above the root's the root; `allLOD` and `noLOD` are the leaves, because a
+    tree is no item.
 
     Args:
         prim: The tree.

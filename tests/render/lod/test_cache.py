@@ -217,3 +217,26 @@ def test_what_is_not_waited_for_is_read_meanwhile_or_cancelled(cache):
     assert set("h") <= set(source.reads) <= set("abcdh")
     found = cache.get({"h": wanted["h"]}, limit=100 * SIZE, lifetime=9.0, waits=False)
     assert len(found["h"]) == 250
+
+
+def test_what_another_thread_waits_for_is_not_cancelled(cache):
+    """Oracle: its result. Four threads read; the fifth request waits for one, and another thread
+    asks for it without waiting."""
+    go, found = threading.Event(), []
+
+    def blocked():
+        assert go.wait(20)
+        return random_cloud(1)
+
+    wanted = {name: Request(read=blocked, size=SIZE) for name in "abcde"}
+    asking = threading.Thread(
+        target=lambda: found.append(cache.get(wanted, limit=9 * SIZE, lifetime=1.0))
+    )
+    asking.start()
+    while len(cache._reading) < 5:
+        pass
+    assert cache.get({"e": wanted["e"]}, limit=9 * SIZE, lifetime=1.0, waits=False) == {}
+    cache.cancel_others(())
+    go.set()
+    asking.join()
+    assert set(found[0]) == set("abcde")

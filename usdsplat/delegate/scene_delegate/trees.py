@@ -9,7 +9,7 @@ import os
 import threading
 import time
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Hashable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, cast
 
@@ -53,6 +53,7 @@ class Chunks:
         self._changed: set[str] = set()
         self._edits: Counter[str] = Counter()
         self._of_trees: dict[str, Tree] = {}
+        self._readers: dict[str, ChunkReader] = {}
         self._live: dict[str, dict[int, _Live]] = {}
         self._prims: dict[str, Usd.Prim] = {}
         self._known: dict[str, dict[str, tuple[Any, ...]]] = {}
@@ -80,7 +81,8 @@ class Chunks:
             kind = Sdf.Notice.LayersDidChange
             self._key = Tf.Notice.RegisterGlobally(kind, self._collect)
         code = Usd.TimeCode.Default() if at is None else Usd.TimeCode(at)
-        self._levels[path], level = _level(prim, code), tree_level(prim, code)
+        self._levels[path] = _level(prim, code)
+        level = tree_level(prim, code)
         if bits & DirtyBits.TOPOLOGY:
             self._of_trees.pop(path, None)
         tree = self._tree(path, prim)
@@ -92,9 +94,11 @@ class Chunks:
         live = self._live.get(path, {})
         return TreeSpec(
             table=_grown(tree.table if level is None else fixed_at(tree.table, level), live),
-            live={node: each.cloud for node, each in live.items()},
+            live={node: (each.token, each.cloud) for node, each in live.items()},
             chunks=tuple(tokens[each] for each in tree.chunks),
-            load=_Loader(str(prim.GetPath()), tree, self._changed_since(path, tokens)),
+            load=_Loader(
+                str(prim.GetPath()), tree, self._readers[path], self._changed_since(path, tokens)
+            ),
             degree=tree.degree,
             color_space=space,
             rasterize_mode="footprint" if footprint and mode == "classic" else mode,
@@ -127,7 +131,7 @@ class Chunks:
         expected = f"{tree.table.sizes[node]} splats of degree {tree.degree}"
         if found != expected:
             raise UsageError(f"node {node} of {path}", found, expected)
-        live[node] = _Live(cloud, extent(cloud))
+        live[node] = _Live(object(), cloud, extent(cloud))
 
     def changed_trees(
         self, fields: Mapping[str, RprimEntry], code: Usd.TimeCode, *, edited: bool
@@ -164,6 +168,7 @@ class Chunks:
         """Forget all trees but those at `paths`."""
         self._of_trees = {path: each for path, each in self._of_trees.items() if path in paths}
         self._levels = {path: each for path, each in self._levels.items() if path in paths}
+        self._readers = {path: each for path, each in self._readers.items() if path in paths}
         self._live = {path: each for path, each in self._live.items() if path in paths}
         self._prims = {path: each for path, each in self._prims.items() if path in paths}
         self._known = {path: each for path, each in self._known.items() if path in paths}
@@ -204,7 +209,11 @@ class Chunks:
         found = set()
         for path in incomplete:
             prim = self._prims[path]
-            if prim and chunk_files(prim) != self._of_trees[path].chunks:
+            try:
+                is_same = not prim or chunk_files(prim) == self._of_trees[path].chunks
+            except StageError:  # reading the tree again reports it
+                is_same = False
+            if not is_same:
                 found.add(path)
         return found
 
@@ -212,6 +221,7 @@ class Chunks:
         """Return the tree at `path`; live splats that do not fit its table are removed."""
         if path not in self._of_trees:
             tree = self._of_trees[path] = read_tree(prim)
+            self._readers[path] = ChunkReader(tree.chunks, tree.degree)
             self._prims[path] = prim
             self._known[path] = {each: self._token(each) for each in tree.chunks}
             self._live[path] = {
@@ -248,6 +258,8 @@ def _level(prim: Usd.Prim, code: Usd.TimeCode) -> int | str | None:
 class _Live:
     """Splats in memory that take the place of those of a node."""
 
+    token: Hashable
+    """Differs from that of all others."""
     cloud: SplatCloud
     box: F64 | None
     """Their extent, shape (2, 3); None without a finite splat."""
@@ -272,9 +284,10 @@ def _grown(table: NodeTable, live: Mapping[int, _Live]) -> NodeTable:
 class _Loader:
     """Reader of the rows of a tree's chunks."""
 
-    def __init__(self, where: str, tree: Tree, changed: frozenset[int]) -> None:
-        self._where, self._tree, self._changed = where, tree, changed
-        self._reader = ChunkReader(tree.chunks, tree.degree)
+    def __init__(
+        self, where: str, tree: Tree, reader: ChunkReader, changed: frozenset[int]
+    ) -> None:
+        self._where, self._tree, self._reader, self._changed = where, tree, reader, changed
 
     def __call__(self, chunk: int, first: int, count: int) -> SplatCloud:
         path = self._tree.chunks[chunk]

@@ -58,10 +58,11 @@ class Appearances:
     placed: I64
     """Row in `instances` of each appearance, shape (n,)."""
     least: F64
-    """Samples draw an appearance that refine nodes above this error [pixel], or a larger one, shape
-    (n,),"""
+    """A sample draws an appearance if it refines the nodes above this error [pixel], or above a
+    larger one; shape (n,)."""
     most: F64
-    """but below this one, shape (n,)."""
+    """A sample draws an appearance if it refines the nodes above a smaller error than this [pixel];
+    shape (n,)."""
 
     def drawn(self) -> Iterator[Drawn]:
         """Yield each appearance."""

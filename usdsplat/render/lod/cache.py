@@ -105,9 +105,10 @@ class NodeCache:
             self._make_room(
                 {*wanted, *keep}, limit - sum(wanted[key].size for key in missing), now, lifetime
             )
+            unread = missing - self._reading.keys()  # others may wait for what is being read
             pending = {key: self._submit(key, wanted[key]) for key in wanted if key in missing}
             if not waits:
-                self._ahead |= missing
+                self._ahead |= unread
                 return found
             self._ahead -= missing
         for key, future in pending.items():

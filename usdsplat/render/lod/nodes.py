@@ -130,7 +130,7 @@ class PictureNodes:
         for part, each in fields.items():
             if each.spec.grade != tree.spec.grade or each.crops != tree.crops:
                 spec = replace(each.spec, grade=tree.spec.grade)
-                fields[part] = replace(each, spec=spec, crops=tree.crops)
+                fields[part] = tree.fields[part] = replace(each, spec=spec, crops=tree.crops)
 
     def _loaded(
         self, scene: RenderScene, screens: Sequence[Screen], budget: int

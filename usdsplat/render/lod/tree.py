@@ -44,8 +44,9 @@ class TreeSpec:
     """Token of each chunk, which is replaced when the chunk's content changes. Trees with equal
     tokens share the splats in memory."""
     load: Load
-    live: Mapping[int, SplatCloud] = field(default_factory=dict)
-    """Node -> splats in memory that take the place of its chunk's rows, as many."""
+    live: Mapping[int, tuple[Hashable, SplatCloud]] = field(default_factory=dict)
+    """Node -> splats in memory that take the place of its chunk's rows, as many, after a token of
+    their content."""
     degree: int = 0
     """Degree of the harmonics."""
     color_space: str = "srgb_rec709_scene"
@@ -62,21 +63,23 @@ class TreeSpec:
 
     def key(self, node: int, first: int, count: int) -> Hashable:
         """Return a key of the content of rows of a node's chunk."""
-        source = self.live.get(node, self.chunks[int(self.table.chunk[node])])
-        return source, first, count
+        if node in self.live:
+            return self.live[node][0], first, count
+        return self.chunks[int(self.table.chunk[node])], first, count
 
     def read(self, node: int, first: int, count: int) -> SplatCloud:
         """Return rows of a node's chunk, or the live splats in their place; see `Load`."""
         if node not in self.live:
             return self.load(int(self.table.chunk[node]), first, count)
         start = first - int(self.table.first_row[node])
-        return take(self.live[node], np.arange(start, start + count))
+        return take(self.live[node][1], np.arange(start, start + count))
 
     def draws_alike(self, other: TreeSpec) -> bool:
-        """Return whether equal splats of a node are the same field of a draw list."""
+        """Return whether equal splats of a node are the same field of a draw list, but for the
+        grade, which each picture compares."""
         names = (
             "degree", "color_space", "rasterize_mode", "projection_mode", "sorting_mode",
-            "footprint", "grade",
+            "footprint",
         )  # fmt: skip
         same = all(getattr(self, name) == getattr(other, name) for name in names)
         return same and np.array_equal(self.first_elements(), other.first_elements())
@@ -153,18 +156,21 @@ class Tree:
         """Return the centres of the splats of the root, shape (n, 3); those of some of the topmost
         nodes with proxies if it has none. What cannot be read is left out."""
         table = self.spec.table
-        rows = level_cut(table, MOST_LEVELS).rows(table)
+        nodes = level_cut(table, MOST_LEVELS).nodes.tolist()
         found = [np.empty((0, 3), np.float32)]
-        for chunk, first, count in rows[:: -(-len(rows) // _TOPMOST)] if rows else ():
+        for node in nodes[:: -(-len(nodes) // _TOPMOST)] if nodes else ():
+            count = int(table.proxies[node] + table.residents[node])
             with suppress(UsdSplatError):  # drawing reports it
-                found.append(self.spec.load(chunk, first, count).positions)
+                found.append(self.spec.read(node, int(table.first_row[node]), count).positions)
         return np.concatenate(found)
 
     def replace(self, spec: TreeSpec) -> None:
         """Replace the tree. Splats of unchanged chunks stay in the cache, and prepared."""
-        if not spec.draws_alike(self.spec):
+        before = self.spec
+        if not spec.draws_alike(before):
             self.fields = {}
+        if (spec.table, spec.chunks, spec.live) != (before.table, before.chunks, before.live):
+            self.subject = None
         self.spec, self.elements = spec, spec.first_elements()
         self.problems, self.closed, self.lost = {}, set(), set()
         self.requests = {}
-        self.subject = None
