@@ -42,7 +42,13 @@ from usdsplat.render.renderer import Renderer
 from usdsplat.render.settings import RenderSettings
 from usdsplat.render.specs import View
 
-CAPTURES = ("pod.spz", "playbot_lod2.sog", "flowers_lod2_0.sog", "statue_trumpet.sog")
+CAPTURES = (
+    "pod.spz",
+    "playbot_lod2.sog",
+    "flowers_lod2_0.sog",
+    "statue_trumpet.sog",
+    "statue_massa.sog",
+)
 """The last one was not used to tune anything."""
 GAIN, NEAR = 3.0, 45.0
 """Bars: gain over the others at 4x and 8x, and quality at 1x [dB]; at 2x the quality of the whole
