@@ -201,6 +201,17 @@ def test_a_thread_that_waits_for_a_closed_cache_gets_a_sentence(cache):
     assert isinstance(error, UsageError) and "engine: found one that was closed" in str(error)
 
 
+def test_what_is_asked_for_ahead_is_used(cache, clock):
+    """Oracle: the clock: "a" was asked for ahead 4 seconds ago, "b" never again."""
+    source = Source()
+    get(cache, source, "a", "b")
+    clock.now = 4.0
+    cache.get({}, limit=9 * SIZE, lifetime=5.0, ahead=source.wanting("a"))
+    clock.now = 8.0
+    get(cache, source, "c")
+    assert "a" in cache and "b" not in cache
+
+
 def test_what_is_read_ahead_arrives_or_is_cancelled(cache):
     """Oracle: the reads. Four threads read; what waits for one is cancelled by the next request,
     and what that one wants comes before the rest of what it reads ahead."""

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import threading
+import time
+from collections import Counter
 from dataclasses import fields
 
 import numpy as np
@@ -95,3 +98,31 @@ def test_every_leaf_is_under_one_drawn_node_whatever_is_in_memory(seed, monkeypa
     found = sorted(leaf for node in drawn for leaf in leaves(node))
     whole = drawn_nodes(scene, view, lod_error=0.0, lod_samples=1)
     assert len(set(found)) == len(found) and set(found) >= whole
+
+
+def test_nodes_that_wait_for_their_siblings_are_not_read_twice():
+    """Oracle: the reads, counted. One leaf cannot be read, so its siblings are not drawn either;
+    nothing is kept that nobody asks for."""
+    tree, view = made(3, n=600), view_of(lens())
+    last, go = len(tree.table) - 1, threading.Event()
+
+    def load(chunk, first, count):
+        if chunk == last:
+            assert go.wait(20)
+        return tree.load(chunk, first, count)
+
+    scene = tree_scene(tree, load=load)
+    settings = {"lod_error": 0.0, "lod_samples": 1, "node_wait": False, "node_lifetime": 0.0}
+    drawn_nodes(scene, view, **settings)
+    while len(scene.node_cache._reading) > 1:
+        time.sleep(0.01)
+    sibling = last - 1
+    for _ in range(3):
+        drawn = drawn_nodes(scene, view, **settings)
+        assert not {last, sibling} & drawn
+    assert [each[0] for each in tree.reads].count(sibling) == 1
+    go.set()
+    drawn = drawn_nodes(scene, view, **{**settings, "node_wait": True})
+    assert {last, sibling} <= drawn
+    assert max(Counter(each[0] for each in tree.reads).values()) == 1
+    scene.close()

@@ -92,8 +92,8 @@ class NodeCache:
             wanted: What to return, by keys that stand for the content, the most urgent first.
             limit: Maximum number of bytes of `wanted`, and of what is kept beside both.
             lifetime: See above.
-            ahead: What to read without waiting for it, in the same form. What an earlier call left
-                to read is cancelled, unless it is being read.
+            ahead: What to read without waiting for it, or to keep, in the same form. What an
+                earlier call left to read is cancelled, unless it is being read.
 
         Raises:
             UsageError: If what is wanted exceeds the limit, or the cache is closed meanwhile.
@@ -102,10 +102,12 @@ class NodeCache:
         found: dict[Hashable, Result] = {}
         with self._lock:
             now = self._clock()
-            for key in wanted.keys() & self._entries.keys():
+            for key in (wanted.keys() | ahead.keys()) & self._entries.keys():
                 entry = self._entries[key]
-                entry.used, found[key] = now, entry.result
+                entry.used = now
                 self._entries.move_to_end(key)
+                if key in wanted:
+                    found[key] = entry.result
             self._cancel_ahead()
             missing = {key: each for key, each in wanted.items() if key not in found}
             later = {key: each for key, each in ahead.items() if key not in self._entries}

@@ -227,8 +227,8 @@ class PictureNodes:
         step.
 
         Returns:
-            The coarser cut, its parts, and what is to be read for the given cut, coarse levels
-            first. They exceed the limit of memory only by the replacements.
+            The coarser cut, its parts, and what is to be read or kept for the given cut, coarse
+            levels first. Together they exceed the limit of memory only by the replacements.
         """
         missing = {name: each for name, each in wanted.items() if each[0] not in cache}
         if not missing:
@@ -252,7 +252,7 @@ class PictureNodes:
         errors = dict(zip(self._seen, map(replaced_errors, cut.trees), strict=True))
         ahead, room = {}, self._settings.node_memory * MIB
         room -= sum(request.size for _, request in (wanted | drawn).values())
-        for name in sorted({**missing, **between}, key=lambda n: -errors[n[0]].get(n[1][0], 0.0)):
+        for name in sorted({**wanted, **between}, key=lambda n: -errors[n[0]].get(n[1][0], 0.0)):
             key, request = self._request(name)
             if name not in wanted:
                 room -= request.size
