@@ -11,6 +11,7 @@ from usdsplat.delegate.render_buffer import RenderBuffer
 from usdsplat.delegate.render_param import RenderParam
 from usdsplat.delegate.render_pass import RenderPass
 from usdsplat.render.band import Band
+from usdsplat.render.frame_stats import FrameStats
 from usdsplat.render.scene import RenderScene
 from usdsplat.render.settings import RenderSettings
 from usdsplat.render.specs import CameraSpec, Framing, View
@@ -24,6 +25,7 @@ class CountingRenderer:
     def __init__(self):
         self.drawn = 0
         self.fails = False
+        self.stats = FrameStats()
 
     def render(self, scene, view, settings, aovs, *, sampler):
         self.drawn += 1
@@ -69,6 +71,15 @@ def test_a_picture_is_drawn_again_only_when_something_it_depends_on_changed(draw
         assert render_pass.execute(*other, buffers)
         assert not render_pass.execute(*other, buffers)
     assert renderer.drawn == 2 + len(others)
+
+
+def test_a_picture_that_lacks_nodes_is_drawn_again(drawing):
+    """Oracle: the renderer's count. The second picture has them, and is kept."""
+    renderer, _, render_pass, buffers = drawing
+    for missing in (3, 0, 0):
+        renderer.stats = FrameStats(missing=missing)
+        render_pass.execute(VIEW, RenderSettings(), ("color",), buffers)
+    assert renderer.drawn == 2
 
 
 def test_a_mapped_picture_cannot_be_written_and_does_not_change_afterwards(drawing):

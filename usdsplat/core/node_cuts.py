@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import heapq
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -48,11 +49,13 @@ class NodeCut:
 
 def heights(table: NodeTable) -> I32:
     """Return the largest number of levels below each node, shape (n,); 0 for a leaf."""
-    parents, found = table.parents().tolist(), [0] * len(table)
-    for node in range(len(table) - 1, 0, -1):  # a child comes after its parent
-        above = parents[node]
-        found[above] = max(found[above], found[node] + 1)
-    return np.array(found, np.int32)
+    parents, found = table.parents(), np.zeros(len(table), np.int32)
+    starts = [0, 1]
+    while starts[-1] < len(table):  # the nodes of a level follow each other
+        starts.append(starts[-1] + int(table.child_count[slice(*starts[-2:])].sum()))
+    for start, end in reversed(list(pairwise(starts[1:]))):
+        np.maximum.at(found, parents[start:end], found[start:end] + 1)
+    return found
 
 
 def level_cut(table: NodeTable, level: int) -> NodeCut:

@@ -33,14 +33,15 @@ class RenderPass:
 
         A picture depends only on frozen values and the scene's version, so one comparison decides.
         Pictures that include other times, by `sampler`, are always drawn: an edit at another time
-        need not change the scene now.
+        need not change the scene now. So are pictures after one that lacks nodes of splat trees,
+        which may have been read since.
         """
         wanted = (self._param.version, view, settings, aovs)
         if wanted == self._drawn:
             return False
         self._drawn = None
         self._draw(view, settings, aovs, buffers, sampler)
-        if sampler is None:
+        if sampler is None and not self._renderer.stats.missing:
             self._drawn = wanted
         return True
 

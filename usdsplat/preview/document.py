@@ -57,8 +57,8 @@ class Document:
         """Lock for reading or writing the stage."""
         self.publish = publish
         self.wake: Callable[[], None] = lambda: None
-        """Function that tells the session that the stage may have changed; callable from any
-        thread."""
+        """Function that tells the session that the stage may have changed, or that nodes of splat
+        trees were read; callable from any thread."""
         self.edits = Edits(stage)
         """Edits of the session layer, with undo."""
         self.simulation: Any = None
@@ -68,6 +68,7 @@ class Document:
             self.engine,
             lambda time: Engine(stage, device=device, threads=threads, time=time),
             up_axis=up_axis(stage),
+            on_read=lambda: self.wake(),
         )
         self._thread = threading.get_ident()
         self._change: StageChanged | None = None
@@ -96,7 +97,10 @@ class Document:
             )
 
     def draw(self, state: ViewState) -> bool:
-        """Draw and publish a new picture and return whether a better one follows.
+        """Draw and publish a new picture and return whether a better one follows at once.
+
+        A picture does not wait for the nodes of splat trees: `wake` is called when some were read,
+        and the next call draws them.
 
         Edits of the stage since the last call are published first, once.
 
@@ -123,8 +127,9 @@ class Document:
         """
         still = replace(state, is_moving=False)
         with telling(self.publish):
-            while (picture := self._drawing.draw(still, self.lock, self._outlines)) is not None:
-                if picture.is_final:
+            while True:
+                picture = self._drawing.draw(still, self.lock, self._outlines, waits=True)
+                if picture is None or picture.is_final:
                     break
         assert self.shown is not None
         self._drawing.forget()

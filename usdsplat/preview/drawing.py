@@ -6,6 +6,9 @@ that comes from scene or stage.
 lock.
 3. Images for display are made of the AOVs. The two sides of a comparison are joined.
 
+Pictures of a viewport do not wait until the nodes of splat trees are read: coarser ones are drawn
+in their place, and the picture is drawn again when some were read.
+
 AOVs are cached, so that a change of exposure, wipe or channel needs no new drawing.
 """
 
@@ -110,6 +113,10 @@ class Drawing:
         self._number = 0
         self._wanted: tuple[Any, ...] | None = None
         self._is_warm = False
+        self._missing = 0
+        """Parts of nodes of splat trees that the last picture lacks."""
+        self._reads = 0
+        """Number of reads of nodes when it was begun."""
         self.shown: Shown | None = None
         """The last picture, and what it was made from."""
 
@@ -123,13 +130,21 @@ class Drawing:
         displayed."""
         self._wanted = None
 
-    def draw(self, state: ViewState, lock: threading.RLock, outlines: Outlines) -> Picture | None:
+    def draw(
+        self,
+        state: ViewState,
+        lock: threading.RLock,
+        outlines: Outlines,
+        *,
+        waits: bool = False,
+    ) -> Picture | None:
         """Return the next picture; None if the last one is still valid and of the same quality.
 
         Args:
             state: State of the viewport.
             lock: Held while the stage is read.
             outlines: Function that returns the boxes of the prims at some paths.
+            waits: Whether to wait until the nodes of splat trees are read.
 
         Raises:
             UsdSplatError: If something that the state requests cannot be drawn.
@@ -147,9 +162,12 @@ class Drawing:
             warnings = _told(scenes[0].engine)
             wanted = (replace(state, is_moving=False), *(s.place for s in scenes), found, warnings)
             quality = self._quality(state, wanted, scenes)
-            jobs = [_job(state, scene, quality) for scene in scenes]
+            jobs = [_job(state, scene, quality, waits=waits) for scene in scenes]
             reads_stage = any(job.reads_stage for job in jobs)
-            if wanted == self._wanted and not reads_stage and self._is_shown(state, quality):
+            reads = _reads(scenes)
+            is_finer = self._missing and (waits or reads != self._reads)
+            is_same = wanted == self._wanted and not is_finer
+            if is_same and not reads_stage and self._is_shown(state, quality):
                 return None
             synced = time.perf_counter()
             if not reads_stage:
@@ -164,9 +182,13 @@ class Drawing:
         image = self._composed(state, sides, quality)
         ended = time.perf_counter()
         stats = [each.stats for each in self._drawn.values()]
+        self._missing, self._reads = sum(each.missing for each in stats), reads
         milliseconds = _added(each.wall_ms for each in new)
         if len(new) == len(stats) and not compiled():
-            self._learn(quality, milliseconds, 1e3 * (ended - drawn), _load(state, scenes))
+            load = _load(state, scenes)
+            if self._missing:
+                load = replace(load, splats=max(each.splats for each in stats))
+            self._learn(quality, milliseconds, 1e3 * (ended - drawn), load)
         milliseconds |= {
             "sync": 1e3 * (synced - began),
             "display": 1e3 * (ended - drawn),
@@ -179,7 +201,8 @@ class Drawing:
             camera=scenes[0].camera,
             number=self._number,
             scale=quality.scale,
-            is_final=quality == FULL and not state.is_moving,
+            is_final=quality == FULL and not state.is_moving and not self._missing,
+            missing=self._missing,
             splats=stats[0].visible,
             total=stats[0].total,
             milliseconds=milliseconds,
@@ -207,6 +230,8 @@ class Drawing:
         if state.is_moving:
             return self._pacer.moving(time.perf_counter(), load)
         is_same = self.shown is not None and wanted == self._wanted
+        if self._missing and any(each.nodes.is_reading for each in scenes):
+            is_same = False  # the intermediate quality, until a picture in full will stay
         return self._pacer.resting(self.shown.quality if self.shown and is_same else None, load)
 
     def _is_shown(self, state: ViewState, quality: Quality) -> bool:
@@ -228,7 +253,8 @@ class Drawing:
         new = []
         for key, (job, aovs) in asked.items():
             have = known.get(key)
-            if have is None or not set(aovs) <= have.arrays.keys() or job.reads_stage:
+            lasts = have is not None and not (job.reads_stage or have.stats.missing)
+            if have is None or not lasts or not set(aovs) <= have.arrays.keys():
                 engine = job.scene.engine
                 arrays = engine.picture(job.view, job.settings, aovs, sync=False)
                 have = _Drawn(arrays, engine.stats)
@@ -302,14 +328,21 @@ def _follow(state: ViewState, scenes: tuple[Scene, ...]) -> bool:
     return any(scene.engine.version != scene.version for scene in scenes)
 
 
-def _job(state: ViewState, scene: Scene, quality: Quality) -> _Job:
+def _job(state: ViewState, scene: Scene, quality: Quality, *, waits: bool) -> _Job:
     settings = scene.look.settings
+    if scene.has_trees:
+        settings = replace(settings, node_wait=waits)
     if not quality.averages:
-        settings = replace(settings, samples=1, lod_samples=1, node_wait=False)
+        settings = replace(settings, samples=1, lod_samples=1)
     if quality.splats is not None:
         settings = replace(settings, splat_budget=quality.splats)
     view = view_of(scene, state.size, quality.scale)
     return _Job(scene=scene, view=view, settings=settings, aovs=needed(scene.look))
+
+
+def _reads(scenes: tuple[Scene, ...]) -> int:
+    """Return the number of finished reads of nodes of splat trees."""
+    return sum(each.nodes.reads for each in scenes)
 
 
 def _load(state: ViewState, scenes: tuple[Scene, ...]) -> Load:

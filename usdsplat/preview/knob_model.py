@@ -61,6 +61,9 @@ class Editor:
     """Why the authored value is not `value`, a sentence; "" without a problem."""
 
 
+NOT_IN_VIEWPORTS = (*FILE_KNOBS, "node_wait")
+"""Knobs of render settings that viewports do not offer: those of files, and `node_wait`, because a
+viewport never waits and refines its picture at rest."""
 _GROUPS: Mapping[str, tuple[str, ...]] = {
     "Splats": (
         "sorting",

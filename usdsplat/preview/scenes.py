@@ -15,6 +15,7 @@ from usdsplat.delegate.engine import Engine
 from usdsplat.preview.boxes import Reach
 from usdsplat.preview.camera import FreeCamera
 from usdsplat.preview.values import Look, ViewState
+from usdsplat.render.lod.cache import NodeCache
 from usdsplat.render.lod.nodes import view_cut
 from usdsplat.render.specs import CameraSpec, Framing, View
 
@@ -36,6 +37,8 @@ class Scene:
     """Splats of a picture without a budget, counting every instance."""
     version: int
     """Version of the render scene."""
+    nodes: NodeCache
+    """Splats of splat trees in memory."""
     has_trees: bool = False
     """Whether there are splat trees."""
 
@@ -63,6 +66,7 @@ class Scenes:
         engine: Engine of the timeline's time; its owner closes it.
         open_engine: Function that opens an engine for another time of the same stage.
         up_axis: Up axis of the stage.
+        on_read: Called by other threads after splats of splat trees were read.
     """
 
     def __init__(
@@ -71,12 +75,14 @@ class Scenes:
         open_engine: Callable[[float | None], Engine],
         *,
         up_axis: Literal["Y", "Z"],
+        on_read: Callable[[], None],
     ) -> None:
         self._engine = engine
         self._open = open_engine
         self._other: Engine | None = None
         self._count = 0
         self._up_axis = up_axis
+        self._on_read = on_read
         self._reach: dict[Engine, Reach] = {}
         self._framed: tuple[tuple[Any, ...], CameraSpec] | None = None
 
@@ -124,6 +130,7 @@ class Scenes:
         engine.set_purposes(state.purposes)
         engine.set_refinement(look.settings.refinement)
         scene = engine.render_scene
+        scene.node_cache.on_read = self._on_read
         layout, camera = scene.draw_list(), self._camera(state, engine)
         splats = layout.total
         if scene.has_trees:
@@ -139,6 +146,7 @@ class Scenes:
             prims=layout.prims,
             splats=splats,
             version=engine.version,
+            nodes=scene.node_cache,
             has_trees=scene.has_trees,
         )
 

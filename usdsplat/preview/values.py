@@ -97,6 +97,8 @@ class Picture:
     """Number of splats that may touch the picture."""
     total: int = 0
     """Number of splats on the stage, each instance counted."""
+    missing: int = 0
+    """Parts of nodes of splat trees that coarser ones replace until they are read."""
     milliseconds: dict[str, float] = field(default_factory=dict)
     """Wall time by stage of the frame, including "total"."""
     megabytes: float = 0.0

@@ -16,6 +16,8 @@ class FrameStats:
     """Number of splats that would be drawn without a budget."""
     visible: int = 0
     """Splats that may touch the data window."""
+    missing: int = 0
+    """Parts of nodes of splat trees that coarser ones replace until they are read."""
     pairs: int = 0
     """Pairs of a splat and a tile that it touches."""
     blocks: int = 0

@@ -79,7 +79,7 @@ class _Workspace:
         nodes: PictureNodes | None,
     ) -> FrameContext:
         """Return the context of a new picture."""
-        stats = FrameStats()
+        stats = FrameStats(missing=0 if nodes is None else nodes.missing)
         return FrameContext(
             rasterizer=self.rasterizer,
             surface_cache=self.surface_cache,

@@ -215,6 +215,10 @@ class RenderScene:
         """Whether there are splat trees, visible or not."""
         return bool(self._trees)
 
+    def tree(self, path: str) -> Tree | None:
+        """Return the splat tree at `path`; None if there is none, or it was never visible."""
+        return self._trees.get(path)
+
     def drawn_trees(self) -> list[tuple[str, Tree]]:
         """Return the trees that are drawn at least once, by path."""
         return sorted((path, tree) for path, tree in self._trees.items() if tree.is_drawn)

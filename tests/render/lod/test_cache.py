@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import queue
 import threading
 
 import pytest
@@ -162,11 +163,11 @@ def test_a_closed_cache_is_empty_and_has_no_threads(cache):
     assert len(get(cache, source, "a")["a"]) == 250
 
 
-def test_what_is_to_be_kept_makes_no_room(cache):
-    """Oracle: by hand; "a" is the least recently used, but is kept."""
+def test_what_is_read_ahead_makes_no_room_for_what_is_wanted(cache):
+    """Oracle: by hand; "a" is the least recently used, but is to be read ahead."""
     source = Source()
     get(cache, source, "a", "b", limit=2 * SIZE)
-    cache.get(source.wanting("c"), limit=2 * SIZE, lifetime=5.0, keep={"a"})
+    cache.get(source.wanting("c"), limit=2 * SIZE, lifetime=5.0, ahead=source.wanting("a"))
     assert "a" in cache and "b" not in cache and "c" in cache
 
 
@@ -200,28 +201,69 @@ def test_a_thread_that_waits_for_a_closed_cache_gets_a_sentence(cache):
     assert isinstance(error, UsageError) and "engine: found one that was closed" in str(error)
 
 
-def test_what_is_not_waited_for_is_read_meanwhile_or_cancelled(cache):
-    """Oracle: the reads. Four threads read; what waits for one is cancelled, the rest arrives."""
+def test_what_is_asked_for_ahead_is_used(cache, clock):
+    """Oracle: the clock: "a" was asked for ahead 4 seconds ago, "b" never again."""
+    source = Source()
+    get(cache, source, "a", "b")
+    clock.now = 4.0
+    cache.get({}, limit=9 * SIZE, lifetime=5.0, ahead=source.wanting("a"))
+    clock.now = 8.0
+    get(cache, source, "c")
+    assert "a" in cache and "b" not in cache
+
+
+def test_what_is_read_ahead_arrives_or_is_cancelled(cache):
+    """Oracle: the reads. Four threads read; what waits for one is cancelled by the next request,
+    and what that one wants comes before the rest of what it reads ahead."""
     source, go = Source(), threading.Event()
 
     def blocked(name):
         assert go.wait(20)
         return source.read(name)
 
-    names = "abcdefgh"
-    wanted = {n: Request(read=lambda n=n: blocked(n), size=SIZE) for n in names}
-    assert cache.get(wanted, limit=100 * SIZE, lifetime=9.0, waits=False) == {}
-    cache.cancel_others({"h"})
+    some = {n: Request(read=lambda n=n: blocked(n), size=SIZE) for n in "abcdefgh"}
+    assert cache.get({}, limit=100 * SIZE, lifetime=9.0, ahead=some) == {}
+    assert cache.is_reading
+    threading.Timer(0.2, go.set).start()
+    ahead = {n: some[n] for n in "efg"}
+    found = cache.get({"h": some["h"]}, limit=100 * SIZE, lifetime=9.0, ahead=ahead)
+    assert len(found["h"]) == 250
+    get(cache, source, *"efg")
+    get(cache, source, *"abcd")  # they were being read
+    assert sorted(source.reads) == sorted("abcdefgh")
+    assert not cache.is_reading
+
+
+def test_reads_that_nobody_waits_for_are_told(cache):
+    """Oracle: by hand: two reads ahead, one of which fails, and one that is waited for."""
+    source, told = Source(), queue.Queue()
+    cache.on_read = lambda: told.put(cache.reads)
+    cache.get({}, limit=9 * SIZE, lifetime=9.0, ahead=source.wanting("a", "bad"))
+    assert told.get(timeout=20) <= 2 and told.get(timeout=20) == 2
+    get(cache, source, "a", "c")
+    cache.close()
+    assert cache.reads == 2 and told.empty()
+
+
+def test_what_was_to_be_read_ahead_is_not_read_if_it_is_not_asked_for_again(cache):
+    """Oracle: the reads. Four threads read, so "e" to "h" wait, of which only "h" is wanted."""
+    source, go = Source(), threading.Event()
+
+    def blocked(name):
+        assert go.wait(20)
+        return source.read(name)
+
+    some = {n: Request(read=lambda n=n: blocked(n), size=SIZE) for n in "abcdefgh"}
+    cache.get({}, limit=100 * SIZE, lifetime=9.0, ahead=some)
+    cache.get({}, limit=100 * SIZE, lifetime=9.0, ahead={"h": some["h"]})
     go.set()
     get(cache, source, "h")
     assert set("h") <= set(source.reads) <= set("abcdh")
-    found = cache.get({"h": wanted["h"]}, limit=100 * SIZE, lifetime=9.0, waits=False)
-    assert len(found["h"]) == 250
 
 
 def test_what_another_thread_waits_for_is_not_cancelled(cache):
     """Oracle: its result. Four threads read; the fifth request waits for one, and another thread
-    asks for it without waiting."""
+    asks for it ahead, and then for nothing."""
     go, found = threading.Event(), []
 
     def blocked():
@@ -235,8 +277,8 @@ def test_what_another_thread_waits_for_is_not_cancelled(cache):
     asking.start()
     while len(cache._reading) < 5:
         pass
-    assert cache.get({"e": wanted["e"]}, limit=9 * SIZE, lifetime=1.0, waits=False) == {}
-    cache.cancel_others(())
+    for ahead in ({"e": wanted["e"]}, {}):
+        assert cache.get({}, limit=9 * SIZE, lifetime=1.0, ahead=ahead) == {}
     go.set()
     asking.join()
     assert set(found[0]) == set("abcde")

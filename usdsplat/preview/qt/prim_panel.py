@@ -30,6 +30,8 @@ from usdsplat.preview.qt.row_model import Column, RowModel
 from usdsplat.preview.stage_model import properties
 from usdsplat.preview.stage_model.edits import Edits
 from usdsplat.preview.stage_model.properties import ArcRow, MetadataRow, PropertyRow
+from usdsplat.preview.stage_model.tree_facts import DRAWN, tree_facts
+from usdsplat.preview.values import Picture
 
 COLORS = {
     "time samples": style.ANIMATED,
@@ -72,6 +74,12 @@ class PrimPanel(QTabWidget):
         self.setDocumentMode(True)
         context.view_changed.connect(self._follow)
         context.proxy.stage_changed.connect(lambda event: self._question.refresh())
+        context.proxy.picture.connect(self._follow_tree)
+
+    def _follow_tree(self, picture: Picture) -> None:
+        """Show what is drawn of a selected splat tree, and what is in memory, after a picture."""
+        if any(row.name == DRAWN for row in self.properties.rows):
+            self._question.refresh()
 
     def _follow(self) -> None:
         if (self._context.selected, self._context.time) != self._shown:
@@ -180,7 +188,9 @@ def _read(document: Document, *, path: str, time: float | None) -> _Prim:
     stage = document.stage
     try:
         return _Prim(
-            properties=properties.properties(stage, path, time=time),
+            properties=properties.properties(
+                stage, path, time=time, facts=tree_facts(document.engine.render_scene, path)
+            ),
             metadata=properties.metadata(stage, path),
             composition=properties.composition(stage, path),
         )

@@ -17,19 +17,18 @@ from PySide6.QtWidgets import (
 )
 
 from usdsplat.images.aovs import AOVS
-from usdsplat.preview.knob_model import Editor, editors_of, with_value
+from usdsplat.preview.knob_model import NOT_IN_VIEWPORTS, Editor, editors_of, with_value
 from usdsplat.preview.qt import style
 from usdsplat.preview.qt.knob_panel import KnobPanel
 from usdsplat.preview.qt.knob_widgets import CalmComboBox, TickBox
 from usdsplat.preview.qt.number_field import NumberField
 from usdsplat.preview.qt.panel_context import PanelContext
 from usdsplat.preview.values import Look, Picture
-from usdsplat.render.settings import FILE_KNOBS
 
 DEVICES = ("auto", "cpu", "cuda")
 FIRST = {
     "Splats": ("display_mode", "splat_budget", "sh_degree", "sorting", "rasterize_mode"),
-    "Levels of detail": ("lod_error", "lod_samples", "node_wait", "node_memory", "node_lifetime"),
+    "Levels of detail": ("lod_error", "lod_samples", "node_memory", "node_lifetime"),
     "Colour": (
         *("color_mode", "blend_space", "working_space"),
         *("ocio_config", "ocio_display", "ocio_view", "ocio_look", "inverse_max"),
@@ -190,7 +189,7 @@ def _line(label: str, *widgets: QWidget) -> QHBoxLayout:
 
 def _grouped(editors: tuple[Editor, ...]) -> list[Editor]:
     """Group render settings, frequently used ones first."""
-    by_name = {editor.name: editor for editor in editors if editor.name not in FILE_KNOBS}
+    by_name = {editor.name: editor for editor in editors if editor.name not in NOT_IN_VIEWPORTS}
     found = [
         replace(by_name.pop(name), group=group)
         for group, names in FIRST.items()

@@ -38,6 +38,7 @@ def rows_of(picture: Picture, *, rate: float | None) -> list[Row]:
         ("quality", "full" if picture.is_final else f"1 : {picture.scale:g}"),
         ("size", f"{width} × {height}"),
         ("splats", splats),
+        *([("reading", f"{_grouped(picture.missing)} nodes")] if picture.missing else []),
         ("frame", "default" if state.time is None else f"{state.time:g}"),
         ("memory", f"{_grouped(round(picture.megabytes))} MB" if picture.megabytes else "–"),
         ("device", picture.device),

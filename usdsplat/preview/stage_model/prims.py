@@ -50,6 +50,7 @@ class PrimRow:
     """Variant set, selection and choices."""
     has_children: bool
     is_splats: bool
+    """Whether it is a splat field or a splat tree."""
     is_camera: bool
     is_affector: bool
     is_simulation: bool
@@ -135,7 +136,8 @@ class _Reader:
         kind = str(prim.GetTypeName())
         if kind not in self._types:
             is_seen, is_camera = prim.IsA(UsdGeom.Imageable), prim.IsA(UsdGeom.Camera)
-            self._types[kind] = is_seen, is_camera, schema.is_splat_field(prim)
+            is_splats = schema.is_splat_field(prim) or schema.is_tree(prim)
+            self._types[kind] = is_seen, is_camera, is_splats
         is_imageable, is_camera, is_splats = self._types[kind]
         name = prim.GetName()
         is_active = prim.IsActive()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -79,7 +79,11 @@ _PROPERTY_FIELDS = ("primChildren", "properties", "propertyChildren")
 
 
 def properties(
-    stage: Usd.Stage, path: str, *, time: float | None = None
+    stage: Usd.Stage,
+    path: str,
+    *,
+    time: float | None = None,
+    facts: Iterable[tuple[str, str]] = (),
 ) -> tuple[PropertyRow, ...]:
     """Return a prim's properties at a time: computed ones first, then the others by name.
 
@@ -87,13 +91,14 @@ def properties(
         stage: The stage.
         path: Path of the prim; an inactive one has only metadata.
         time: Time code; None is USD's default time.
+        facts: Names and texts of further computed values, see `tree_facts`.
 
     Raises:
         StageError: If there is no such prim.
     """
     prim = _prim(stage, path)
     code = code_of(time)
-    rows = [*_computed(prim, code)]
+    rows = [*(_row(name, text) for name, text in facts), *_computed(prim, code)]
     for each in prim.GetProperties():
         if isinstance(each, Usd.Attribute):
             rows.extend(_attribute(each, code))

@@ -16,7 +16,7 @@ from usdsplat.images.aovs import AOVS
 from usdsplat.preview import opening
 from usdsplat.preview.camera import FreeCamera
 from usdsplat.preview.document import Document
-from usdsplat.preview.knob_model import editors_of, with_value
+from usdsplat.preview.knob_model import NOT_IN_VIEWPORTS, editors_of, with_value
 from usdsplat.preview.picking import Picked, pick
 from usdsplat.preview.session import Session
 from usdsplat.preview.stage_model import parameters
@@ -34,7 +34,7 @@ from usdsplat.preview.viewer import Viewer
 from usdsplat.preview.web import messages as m
 from usdsplat.preview.web.pages import Pages
 from usdsplat.preview.web.session_proxy import SessionProxy
-from usdsplat.render.settings import FILE_KNOBS, RenderSettings
+from usdsplat.render.settings import RenderSettings
 
 GLIDE = 0.25
 """Duration of a camera move when something is framed [s]."""
@@ -309,7 +309,7 @@ class WebController:
         settings = (state.look.settings, state.display)
         if settings != self._settings_told:
             self._settings_told = settings
-            render = [each for each in editors_of(settings[0]) if each.name not in FILE_KNOBS]
+            render = [each for each in editors_of(settings[0]) if each.name not in NOT_IN_VIEWPORTS]
             self._tell("settings", {"render": as_json(render), "display": _editors(settings[1])})
         self._start_clock()
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 import threading
 import time
 from collections import OrderedDict
-from collections.abc import Callable, Collection, Hashable, Mapping
+from collections.abc import Callable, Collection, Hashable, Iterable, Mapping
 from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
 from dataclasses import dataclass, fields
+from types import MappingProxyType
 
 from usdsplat.core.cloud import SplatCloud
 from usdsplat.core.errors import UsageError, UsdSplatError
@@ -52,12 +53,21 @@ class NodeCache:
         self._entries: OrderedDict[Hashable, _Entry] = OrderedDict()
         self._reading: dict[Hashable, Future[Result]] = {}
         self._ahead: set[Hashable] = set()
-        """Keys that are read although nobody waits for them."""
+        """Keys that are to be read although nobody waits for them."""
+        self.reads = 0
+        """Number of finished reads for which nobody waited."""
+        self.on_read: Callable[[], None] = lambda: None
+        """Called after each of these, by the thread that read."""
         self._pool: ThreadPoolExecutor | None = None
 
     def __contains__(self, key: Hashable) -> bool:
         """Return whether the splats of a key are in memory."""
         return key in self._entries
+
+    @property
+    def is_reading(self) -> bool:
+        """Whether splats are being read, or are to be read."""
+        return bool(self._reading)
 
     @property
     def bytes(self) -> int:
@@ -71,8 +81,7 @@ class NodeCache:
         *,
         limit: int,
         lifetime: float,
-        waits: bool = True,
-        keep: Collection[Hashable] = (),
+        ahead: Mapping[Hashable, Request] = MappingProxyType({}),
     ) -> dict[Hashable, Result]:
         """Return splats, or the error of those that cannot be read.
 
@@ -81,51 +90,41 @@ class NodeCache:
 
         Args:
             wanted: What to return, by keys that stand for the content, the most urgent first.
-            limit: Maximum number of bytes.
+            limit: Maximum number of bytes of `wanted`, and of what is kept beside both.
             lifetime: See above.
-            waits: Whether to wait until all are read. Otherwise the result has those in memory, and
-                the others are read in the meantime.
-            keep: Keys of what is not dropped either.
+            ahead: What to read without waiting for it, or to keep, in the same form. What an
+                earlier call left to read is cancelled, unless it is being read.
 
         Raises:
             UsageError: If what is wanted exceeds the limit, or the cache is closed meanwhile.
         """
-        needed = sum(each.size for each in wanted.values())
-        if needed > limit:
-            expected = f"at least {-(-needed // MIB)} MiB, a larger --lod-error or a --splat-budget"
-            raise UsageError("--node-memory", f"{limit // MIB} MiB", expected)
+        check_limit(wanted.values(), limit)
         found: dict[Hashable, Result] = {}
         with self._lock:
             now = self._clock()
-            for key in wanted.keys() & self._entries.keys():
+            for key in (wanted.keys() | ahead.keys()) & self._entries.keys():
                 entry = self._entries[key]
-                entry.used, found[key] = now, entry.result
+                entry.used = now
                 self._entries.move_to_end(key)
-            missing = wanted.keys() - found.keys()
-            self._make_room(
-                {*wanted, *keep}, limit - sum(wanted[key].size for key in missing), now, lifetime
-            )
-            unread = missing - self._reading.keys()  # others may wait for what is being read
-            pending = {key: self._submit(key, wanted[key]) for key in wanted if key in missing}
-            if not waits:
-                self._ahead |= unread
-                return found
-            self._ahead -= missing
+                if key in wanted:
+                    found[key] = entry.result
+            self._cancel_ahead()
+            missing = {key: each for key, each in wanted.items() if key not in found}
+            later = {key: each for key, each in ahead.items() if key not in self._entries}
+            coming = sum(each.size for each in (later | missing).values())
+            self._make_room({*wanted, *ahead}, limit - coming, now, lifetime)
+            self._ahead -= missing.keys()
+            pending = {key: self._submit(key, each) for key, each in missing.items()}
+            for key, each in later.items():
+                if key not in self._reading:
+                    self._submit(key, each)
+                    self._ahead.add(key)
         for key, future in pending.items():
             try:
                 found[key] = future.result()
             except CancelledError:
                 raise UsageError("engine", "one that was closed", "an open one") from None
         return found
-
-    def cancel_others(self, keys: Collection[Hashable]) -> None:
-        """Cancel what nobody waits for, unless it is being read or one of `keys`."""
-        with self._lock:
-            for key in self._ahead - set(keys):
-                future = self._reading.get(key)
-                if future is None or future.cancel():
-                    self._reading.pop(key, None)
-                    self._ahead.discard(key)
 
     def close(self) -> None:
         """Drop everything and end the threads. The cache can be used again afterwards."""
@@ -142,6 +141,12 @@ class NodeCache:
 
     def _bytes(self) -> int:
         return sum(entry.size for entry in self._entries.values())
+
+    def _cancel_ahead(self) -> None:
+        """Cancel what nobody waits for, unless it is being read."""
+        for key in list(self._ahead):
+            if self._reading[key].cancel():
+                self._finish(key)
 
     def _make_room(
         self, kept: Collection[Hashable], room: int, now: float, lifetime: float
@@ -179,9 +184,21 @@ class NodeCache:
                 self._finish(key)
             raise
         with self._lock:
+            is_ahead = key in self._ahead
             self._finish(key)
             self._entries[key] = _Entry(result, size, self._clock())
+            self.reads += is_ahead
+        if is_ahead:
+            self.on_read()
         return result
+
+
+def check_limit(wanted: Iterable[Request], limit: int) -> None:
+    """Raise a UsageError if splats exceed a limit of memory [byte]."""
+    needed = sum(each.size for each in wanted)
+    if needed > limit:
+        expected = f"at least {-(-needed // MIB)} MiB, a larger --lod-error or a --splat-budget"
+        raise UsageError("--node-memory", f"{limit // MIB} MiB", expected)
 
 
 def _size(cloud: SplatCloud) -> int:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -30,12 +30,12 @@ class SeenTree:
     transforms: F64
     """Shape (k, m, 4, 4)."""
 
-    def view(self, coarse: Collection[int] = ()) -> TreeView:
-        """Return the tree as `choose` takes it; nodes of `coarse` are not refined."""
+    def view(self) -> TreeView:
+        """Return the tree as `choose` takes it."""
         return TreeView(
             table=self.spec.table,
             transforms=self.transforms,
-            closed=frozenset(self.tree.closed).union(coarse),
+            closed=frozenset(self.tree.closed),
             tangential=self.spec.projection_mode == "tangential",
         )
 

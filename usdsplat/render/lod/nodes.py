@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import operator
-from collections.abc import Collection, Hashable, Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -23,10 +23,11 @@ from usdsplat.render.lod.appearances import (
     Part,
     Parts,
 )
-from usdsplat.render.lod.cache import MIB, NodeCache, Request, Result
+from usdsplat.render.lod.cache import MIB, NodeCache, Request, Result, check_limit
 from usdsplat.render.lod.cut import Cut, Reached, choose
 from usdsplat.render.lod.gathering import TimeSampler, gathered
 from usdsplat.render.lod.measure import Bools
+from usdsplat.render.lod.stand_ins import closing, replaced_errors, stand_ins
 from usdsplat.render.lod.tree import TreeSpec
 from usdsplat.render.sampling import Sample
 from usdsplat.render.scene import RenderScene
@@ -61,6 +62,8 @@ class PictureNodes:
         budget = settings.splat_budget
         self._parts: list[tuple[Parts, Parts]] = []
         """What any sample draws of each tree."""
+        self.missing = 0
+        """Number of parts of nodes that coarser ones replace until they are read."""
         self._cut, self._fields = self._loaded(scene, screens, _tree_budget(scene, settings))
         self._field_budget = max(1, budget - self._cut.splats) if budget else 0
         self._most = self._last_error(self._cut)
@@ -137,29 +140,23 @@ class PictureNodes:
     ) -> tuple[Cut, dict[str, dict[Part, Field]]]:
         """Choose the cut and read it. If a node cannot be read, its parent is drawn in place of it
         and its siblings."""
-        coarse: dict[str, set[int]] = {path: set() for path in self._seen}
-        asked: set[Hashable] = set()
-        cache = scene.node_cache
         while True:
-            views = [each.view(coarse[path]) for path, each in self._seen.items()]
+            views = [each.view() for each in self._seen.values()]
             cut = choose(views, screens, error=self._settings.lod_error, budget=budget)
+            ahead: Wanted = {}
             wanted = self._wanted(cut)
+            if not self._settings.node_wait:
+                check_limit((each for _, each in wanted.values()), self._settings.node_memory * MIB)
+                cut, wanted, ahead = self._in_memory(scene.node_cache, cut, wanted)
             self._release(scene, wanted)
-            results = self._read(cache, wanted, waits=self._settings.node_wait)
-            asked.update(key for key, _ in wanted.values())
-            missing = wanted.keys() - results.keys()
-            needed = {name: wanted[name] for name in missing if not self._replace(name, coarse)}
-            if needed:
-                kept = {wanted[name][0] for name in results}
-                results |= self._read(cache, needed, waits=True, keep=kept)
+            results = self._read(scene.node_cache, wanted, ahead)
             failed = {
                 name: result
                 for name, result in results.items()
                 if isinstance(result, UsdSplatError)
             }
-            if not self._give_up(failed) and len(missing) == len(needed):
+            if not self._give_up(failed):
                 break
-        cache.cancel_others(asked)
         fields: dict[str, dict[Part, Field]] = {path: {} for path in self._seen}
         for (path, part), result in results.items():
             if isinstance(result, SplatCloud) and len(result):
@@ -211,33 +208,57 @@ class PictureNodes:
             found = tree.requests[part] = spec.key(part[0], first, count), request
         return found
 
-    def _read(
-        self,
-        cache: NodeCache,
-        wanted: Wanted,
-        *,
-        waits: bool,
-        keep: Collection[Hashable] = (),
-    ) -> dict[Name, Result]:
-        """Return the splats of parts of nodes, or why they cannot be read; those of the keys `keep`
-        stay in memory."""
+    def _read(self, cache: NodeCache, wanted: Wanted, ahead: Wanted) -> dict[Name, Result]:
+        """Return the splats of parts of nodes, or why they cannot be read; `ahead` are read in the
+        meantime."""
         found = cache.get(
             dict(wanted.values()),
             limit=self._settings.node_memory * MIB,
             lifetime=self._settings.node_lifetime,
-            waits=waits,
-            keep=keep,
+            ahead=dict(ahead.values()),
         )
-        return {name: found[key] for name, (key, _) in wanted.items() if key in found}
+        return {name: found[key] for name, (key, _) in wanted.items()}
 
-    def _replace(self, name: Name, coarse: dict[str, set[int]]) -> bool:
-        """Draw a coarser node in place of one that is not in memory; return False if there is
-        none."""
-        path, (node, _) = name
-        stand_in = _stand_in(self._seen[path].spec.table, node)
-        if stand_in is not None:
-            coarse[path].add(stand_in)
-        return stand_in is not None
+    def _in_memory(self, cache: NodeCache, cut: Cut, wanted: Wanted) -> tuple[Cut, Wanted, Wanted]:
+        """Replace the nodes of a cut that are not in memory by the nearest ones above that are, or
+        by the topmost ones.
+
+        The nodes between are read too, before the finer ones, so that a picture is refined step by
+        step.
+
+        Returns:
+            The coarser cut, its parts, and what is to be read or kept for the given cut, coarse
+            levels first. Together they exceed the limit of memory only by the replacements.
+        """
+        missing = {name: each for name, each in wanted.items() if each[0] not in cache}
+        if not missing:
+            self.missing = 0
+            return cut, wanted, {}
+        closed: dict[str, set[int]] = {path: set() for path in self._seen}
+        between: Wanted = {}
+        for path, (node, _) in missing:
+            tree = self._seen[path].tree
+            stand_in = None
+            for stand_in in stand_ins(self._seen[path].spec.table, node, tree.lost):
+                name = path, (stand_in, True)
+                between[name] = self._request(name)
+                if between[name][0] in cache:
+                    break
+            if stand_in is not None:
+                closed[path].add(stand_in)
+        coarser = closing(cut, [s.spec.table for s in self._seen.values()], list(closed.values()))
+        drawn = self._wanted(coarser)
+        self.missing = len(missing.keys() - drawn.keys())
+        errors = dict(zip(self._seen, map(replaced_errors, cut.trees), strict=True))
+        ahead, room = {}, self._settings.node_memory * MIB
+        room -= sum(request.size for _, request in (wanted | drawn).values())
+        for name in sorted({**wanted, **between}, key=lambda n: -errors[n[0]].get(n[1][0], 0.0)):
+            key, request = self._request(name)
+            if name not in wanted:
+                room -= request.size
+            if name not in drawn and (name in wanted or room >= 0):
+                ahead[name] = key, request
+        return coarser, drawn, ahead
 
     def _last_error(self, cut: Cut) -> float:
         """Return the largest error [pixel] of an inner node that any sample draws."""
@@ -252,7 +273,7 @@ class PictureNodes:
         for (path, (node, _)), error in failed.items():
             tree = self._seen[path].tree
             tree.problems[int(tree.spec.table.chunk[node])] = error
-            stand_in = _stand_in(tree.spec.table, node)
+            stand_in = next(stand_ins(tree.spec.table, node), None)
             if stand_in is None or stand_in in tree.closed:
                 tree.lost.add(node)
             else:
@@ -342,14 +363,6 @@ def _parts(table: NodeTable, cut: Reached, most: float) -> tuple[Parts, Parts]:
     captured = (table.residents[nodes] > 0) | (is_leaf & has_proxies)
     inner = ~is_leaf & has_proxies & (cut.errors <= most)
     return _by_node(cut, captured, is_inner=False), _by_node(cut, inner, is_inner=True)
-
-
-def _stand_in(table: NodeTable, node: int) -> int | None:
-    """Return the nearest node above that has proxies; None if there is none."""
-    above = int(table.parents()[node])
-    while above >= 0 and not table.proxies[above]:
-        above = int(table.parents()[above])
-    return above if above >= 0 else None
 
 
 def _by_node(cut: Reached, drawn: Bools, *, is_inner: bool) -> Parts:
