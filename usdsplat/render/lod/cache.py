@@ -50,6 +50,8 @@ class NodeCache:
         self._clock = clock
         self._lock = threading.Lock()
         self._entries: OrderedDict[Hashable, _Entry] = OrderedDict()
+        self._bytes = 0
+        """Sum of the sizes of the entries."""
         self._reading: dict[Hashable, Future[Result]] = {}
         self._ahead: set[Hashable] = set()
         """Keys that are read although nobody waits for them."""
@@ -63,7 +65,7 @@ class NodeCache:
     def bytes(self) -> int:
         """Bytes of all splats in memory."""
         with self._lock:
-            return self._bytes()
+            return self._bytes
 
     def get(
         self,
@@ -134,25 +136,26 @@ class NodeCache:
             pool.shutdown(wait=True, cancel_futures=True)
         with self._lock:
             self._entries.clear()
+            self._bytes = 0
             self._reading.clear()
             self._ahead.clear()
 
     # --- private ---------------------------------------------------------------------------
 
-    def _bytes(self) -> int:
-        return sum(entry.size for entry in self._entries.values())
-
     def _make_room(
         self, kept: Collection[Hashable], room: int, now: float, lifetime: float
     ) -> None:
         """Drop entries that are old, or that do not fit into `room` bytes, but those of `kept`."""
-        held = self._bytes()
-        for key, entry in list(self._entries.items()):
+        dropped = []
+        for key, entry in self._entries.items():  # the least recently used first
             if key in kept:
                 continue
-            if now - entry.used > lifetime or held > room:
-                del self._entries[key]
-                held -= entry.size
+            if now - entry.used <= lifetime and self._bytes <= room:
+                break
+            dropped.append(key)
+            self._bytes -= entry.size
+        for key in dropped:
+            del self._entries[key]
 
     def _submit(self, key: Hashable, request: Request) -> Future[Result]:
         """Read in a thread, unless one is reading the same."""
@@ -179,6 +182,9 @@ class NodeCache:
             raise
         with self._lock:
             self._finish(key)
+            if (before := self._entries.pop(key, None)) is not None:
+                self._bytes -= before.size
+            self._bytes += size
             self._entries[key] = _Entry(result, size, self._clock())
         return result
 
