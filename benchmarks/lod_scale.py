@@ -15,7 +15,7 @@ kept beside the trees. `--cores` limits the processors of buildings and frames, 
 Each building and each row of frames has a process of its own, whose highest memory is shown; it
 includes mapped files. The first picture is drawn with kernels that are compiled, but not loaded.
 "CPU" is the processor time of a frame, "outside stages" its time before and between the stages of
-the renderer: to choose the cut, to read and to lay out its nodes.
+the renderer: to choose the cut, to read and to lay out its nodes. A GPU is waited for in a stage.
 """
 
 from __future__ import annotations

@@ -20,20 +20,25 @@ VIEW = View(camera=CameraSpec(), framing=Framing(resolution=(4, 6), data_window=
 
 
 class CountingRenderer:
-    """Draws the number of the row, in bands of two, reusing one array as the real one does."""
+    """Draws the number of the row, in bands of two, reusing one array as the real one does; or
+    whole pictures of which the colour is a copy, as a GPU's is."""
 
     def __init__(self):
         self.drawn = 0
-        self.fails = False
+        self.fails = self.copies = False
         self.stats = FrameStats()
 
     def render(self, scene, view, settings, aovs, *, sampler):
         self.drawn += 1
         x0, y0, x1, y1 = view.framing.window
-        color, depth = np.empty((2, x1 - x0, 4), np.float32), np.empty((2, x1 - x0), np.float32)
-        for y in range(y0, y1, 2):
-            color[:], depth[:] = self.drawn, np.arange(y, y + 2)[:, None]
-            yield Band(y, y + 2, {"color": color, "depth": depth})
+        rows = y1 - y0 if self.copies else 2
+        color = np.empty((rows, x1 - x0, 4), np.float32)
+        depth = np.empty((rows, x1 - x0), np.float32)
+        lasting = frozenset({"color"}) if self.copies else frozenset()
+        for y in range(y0, y1, rows):
+            color[:], depth[:] = self.drawn, np.arange(y, y + rows)[:, None]
+            yield Band(y, y + rows, {"color": color, "depth": depth}, lasting)
+            depth[:] = np.nan  # not valid any more
             if self.fails:
                 raise MemoryError
 
@@ -92,6 +97,45 @@ def test_a_mapped_picture_cannot_be_written_and_does_not_change_afterwards(drawi
     assert (first == 1).all() and (buffers["color"].map() == 2).all()
     with pytest.raises(ValueError, match="read-only"):
         first[0, 0] = 0
+
+
+def test_whole_pictures_that_last_are_not_copied(drawing):
+    """Oracle: identity of the memory, and the values that the renderer writes: it invalidates what
+    does not last."""
+    renderer, _, render_pass, buffers = drawing
+    renderer.copies = True
+    drawn = []
+    render = renderer.render
+    renderer.render = lambda *a, **k: (drawn.append(band) or band for band in render(*a, **k))
+    render_pass.execute(VIEW, RenderSettings(), ("color", "depth"), buffers)
+    color, depth = (buffers[name].map() for name in ("color", "depth"))
+    assert np.shares_memory(color, drawn[0].arrays["color"]) and not color.flags.writeable
+    assert not np.shares_memory(depth, drawn[0].arrays["depth"])
+    assert (color == 1).all()
+    np.testing.assert_array_equal(depth[:, 0], np.arange(-1, 5))
+
+
+def test_memory_of_a_picture_is_used_again_when_nothing_refers_to_it(drawing):
+    """Oracle: addresses, while pictures or parts of them are held or not."""
+    _, param, render_pass, buffers = drawing
+
+    def drawn():
+        param.edit()
+        render_pass.execute(VIEW, RenderSettings(), ("color",), buffers)
+        return buffers["color"].map()
+
+    first = drawn()
+    held, before = first[2:4, :, 0], first.ctypes.data
+    del first
+    assert drawn().ctypes.data != before and (held == 1).all()
+    other = drawn().ctypes.data
+    assert drawn().ctypes.data == other != before
+    last, addresses = drawn(), []
+    del held
+    for _ in range(4):  # the last picture is held while the next one is drawn
+        last = drawn()
+        addresses.append(last.ctypes.data)
+    assert addresses == [before, other] * 2 and (last == 9).all()
 
 
 def test_a_picture_that_broke_off_is_drawn_again(drawing):

@@ -57,8 +57,12 @@ class RenderPass:
         first = True
         scene = self._param.scene
         for band in self._renderer.render(scene, view, settings, aovs, sampler=sampler):
+            is_whole = (band.y0, band.y1) == (top, bottom)
             for name in aovs:
                 pixels = band.arrays[name]
+                if is_whole and name in band.lasting and pixels.flags.c_contiguous:
+                    buffers[name].adopt(pixels)
+                    continue
                 if first:
                     buffers[name].allocate((bottom - top, *pixels.shape[1:]), pixels.dtype)
                 buffers[name].write(band.y0 - top, pixels)

@@ -16,10 +16,12 @@ class Band:
     """Rows y0 to y1 - 1 of a picture, over the full width of the data window.
 
     y is counted in the display window. The arrays belong to the renderer and are valid only until
-    the next band is requested.
+    the next band is requested, but those of `lasting`.
     """
 
     y0: int
     y1: int
     arrays: dict[str, npt.NDArray[Any]]
     """AOV -> pixels, shape (y1 - y0, width) or, of color, (y1 - y0, width, 4)."""
+    lasting: frozenset[str] = frozenset()
+    """AOVs whose arrays nobody writes as long as anything refers to them: copies from a GPU."""

@@ -27,7 +27,6 @@ import numpy.typing as npt
 
 from usdsplat.images.cryptomatte import LAYERS
 from usdsplat.kernels import surface
-from usdsplat.kernels.device import Device
 from usdsplat.render import sampling
 from usdsplat.render.accumulator import LayerAverage, SampleAccumulator
 from usdsplat.render.aov_resolver import (
@@ -69,14 +68,14 @@ def render_frame(
         motion = find_motion(frame, sample, center)
         for y0, y1 in screen.bands(band_pixels):
             arrays = draw_band(frame, sample, (y0, y1), frame.aovs, motion)
-            yield Band(y0, y1, fetched(frame.device, arrays))
+            yield fetched(frame, (y0, y1), arrays)
         return
     for y0, y1 in screen.bands(band_pixels):
         try:
-            arrays = average_band(frame, plan, center, screen, (y0, y1))
+            band = average_band(frame, plan, center, screen, (y0, y1))
         finally:  # samples move the scene in time; return to the frame, also after an error
             frame.sampler(0.0)
-        yield Band(y0, y1, arrays)
+        yield band
 
 
 def average_band(
@@ -85,8 +84,8 @@ def average_band(
     center: sampling.Sample,
     screen: Screen,
     rows: tuple[int, int],
-) -> dict[str, npt.NDArray[Any]]:
-    """Return one band of many samples, on the host.
+) -> Band:
+    """Return one band of many samples.
 
     Sampling moves the scene in time. The caller returns it with `frame.sampler(0.0)`.
     """
@@ -94,11 +93,11 @@ def average_band(
     window = x0, y0, x1, y1
     averaged = tuple(name for name in frame.aovs if name in AVERAGED)
     from_center = tuple(name for name in frame.aovs if name not in AVERAGED)
-    arrays: dict[str, npt.NDArray[Any]] = {}
+    band = Band(y0, y1, {})
     if from_center:
         sample = prepare(frame, center, window, from_center)
         motion = find_motion(frame, sample, center)
-        arrays |= fetched(frame.device, draw_band(frame, sample, rows, from_center, motion))
+        band = fetched(frame, rows, draw_band(frame, sample, rows, from_center, motion))
     if averaged:
         sums = SampleAccumulator(frame, (y1 - y0, x1 - x0), averaged)
         for each in plan:
@@ -109,8 +108,9 @@ def average_band(
             drawn = draw_band(frame, sample, rows, averaged, None, raw=True)
             sums.add(drawn, sample.groups)
             frame.clock.lap("accumulate")
-        arrays |= fetched(frame.device, sums.finish())
-    return arrays
+        mean = fetched(frame, rows, sums.finish())
+        band = Band(y0, y1, band.arrays | mean.arrays, band.lasting | mean.lasting)
+    return band
 
 
 def add_repeated(
@@ -342,9 +342,11 @@ def find_motion(frame: FrameContext, sample: FrameSample, center: sampling.Sampl
     return motion
 
 
-def fetched(device: Device, arrays: dict[str, Any]) -> dict[str, npt.NDArray[Any]]:
-    """Return AOVs on the host."""
-    found = {name: device.fetch(array) for name, array in arrays.items()}
+def fetched(frame: FrameContext, rows: tuple[int, int], arrays: dict[str, Any]) -> Band:
+    """Return AOVs of the device as a band, on the host. This waits for a GPU."""
+    found = {name: frame.device.fetch(array) for name, array in arrays.items()}
+    frame.clock.lap("fetch")
+    lasting = frozenset(name for name, array in arrays.items() if found[name] is not array)
     if "albedo" in found:  # its fourth channel, coverage, is not part of the AOV
         found["albedo"] = found["albedo"][..., :3]
-    return found
+    return Band(*rows, found, lasting)

@@ -73,6 +73,20 @@ def test_the_least_recently_used_make_room(cache):
     assert "d" in cache and cache.bytes == 3 * SIZE
 
 
+def test_the_bytes_are_those_of_the_splats_in_memory(cache, clock):
+    """Oracle: the sum over the names that are found in memory, after reads, errors, drops by age
+    and by the limit, and the end."""
+    source, names = Source(), "abcdef"
+    for step, (wanted, limit) in enumerate(
+        [("ab", 9), ("c", 2), ("ad", 3), ("ef", 9), ("b", 9), ("bcdef", 5)]
+    ):
+        clock.now = 2.0 * step
+        get(cache, source, *wanted, *(["bad"] if step == 2 else []), limit=limit * SIZE)
+        assert cache.bytes == SIZE * sum(name in cache for name in names)
+    cache.close()
+    assert cache.bytes == 0
+
+
 def test_what_is_wanted_makes_no_room(cache):
     """Oracle: all that one request wants is returned, although it fills the limit."""
     source = Source()

@@ -28,6 +28,8 @@ STEP = 1 << 20
 """Sizes of pinned buffers are multiples of this [byte]."""
 IDLE = 1 << 30
 """Total size of pinned buffers that are kept for reuse [byte]."""
+LENT = 1 << 31
+"""Total size of pinned buffers that are in use [byte], as the system cannot swap them out."""
 RING = 1 << 22
 """Size of a ring buffer for small arrays [byte]."""
 SMALL = 1 << 16
@@ -52,6 +54,7 @@ class _Lease:
             "shape": (nbytes,),
             "data": (buffer.ctypes.data, False),
         }
+        self.nbytes = int(buffer.nbytes)
         weakref.finalize(self, idle.give, buffer)
 
 
@@ -60,14 +63,17 @@ class PinnedPool:
 
     def __init__(self) -> None:
         self._idle: deque[Any] = deque()
+        self._lent: weakref.WeakSet[_Lease] = weakref.WeakSet()
 
     def take(self, shape: tuple[int, ...], dtype: Any) -> npt.NDArray[Any]:
         """Return an array with undefined contents. Its memory is reused when nothing refers to it
-        or to a part of it."""
+        or to a part of it. It is not pinned if it is small, or above the limit."""
         nbytes = math.prod(shape) * np.dtype(dtype).itemsize
-        if nbytes < LEAST:
+        if nbytes < LEAST or nbytes + sum(each.nbytes for each in list(self._lent)) > LENT:
             return np.empty(shape, dtype)
-        return np.asarray(_Lease(self._fitting(nbytes), nbytes, self)).view(dtype).reshape(shape)
+        lease = _Lease(self._fitting(nbytes), nbytes, self)
+        self._lent.add(lease)
+        return np.asarray(lease).view(dtype).reshape(shape)
 
     def give(self, buffer: Any) -> None:
         """Keep a buffer for reuse. The oldest ones are dropped above the limit."""

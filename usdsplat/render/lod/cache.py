@@ -51,6 +51,8 @@ class NodeCache:
         self._clock = clock
         self._lock = threading.Lock()
         self._entries: OrderedDict[Hashable, _Entry] = OrderedDict()
+        self._bytes = 0
+        """Sum of the sizes of the entries."""
         self._reading: dict[Hashable, Future[Result]] = {}
         self._ahead: set[Hashable] = set()
         """Keys that are to be read although nobody waits for them."""
@@ -73,7 +75,7 @@ class NodeCache:
     def bytes(self) -> int:
         """Bytes of all splats in memory."""
         with self._lock:
-            return self._bytes()
+            return self._bytes
 
     def get(
         self,
@@ -134,13 +136,11 @@ class NodeCache:
             pool.shutdown(wait=True, cancel_futures=True)
         with self._lock:
             self._entries.clear()
+            self._bytes = 0
             self._reading.clear()
             self._ahead.clear()
 
     # --- private ---------------------------------------------------------------------------
-
-    def _bytes(self) -> int:
-        return sum(entry.size for entry in self._entries.values())
 
     def _cancel_ahead(self) -> None:
         """Cancel what nobody waits for, unless it is being read."""
@@ -152,13 +152,16 @@ class NodeCache:
         self, kept: Collection[Hashable], room: int, now: float, lifetime: float
     ) -> None:
         """Drop entries that are old, or that do not fit into `room` bytes, but those of `kept`."""
-        held = self._bytes()
-        for key, entry in list(self._entries.items()):
+        dropped = []
+        for key, entry in self._entries.items():  # the least recently used first
             if key in kept:
                 continue
-            if now - entry.used > lifetime or held > room:
-                del self._entries[key]
-                held -= entry.size
+            if now - entry.used <= lifetime and self._bytes <= room:
+                break
+            dropped.append(key)
+            self._bytes -= entry.size
+        for key in dropped:
+            del self._entries[key]
 
     def _submit(self, key: Hashable, request: Request) -> Future[Result]:
         """Read in a thread, unless one is reading the same."""
@@ -186,6 +189,9 @@ class NodeCache:
         with self._lock:
             is_ahead = key in self._ahead
             self._finish(key)
+            if (before := self._entries.pop(key, None)) is not None:
+                self._bytes -= before.size
+            self._bytes += size
             self._entries[key] = _Entry(result, size, self._clock())
             self.reads += is_ahead
         if is_ahead:

@@ -15,7 +15,9 @@ from tests.kernels.test_launch import (  # noqa: F401  # pytest collects them he
     test_what_a_kernel_writes_comes_back_and_the_rest_is_not_copied,
     values,
 )
+from usdsplat.kernels.cuda import transfers
 from usdsplat.kernels.cuda.device import CudaDevice
+from usdsplat.kernels.cuda.transfers import PinnedPool
 
 
 @pytest.fixture
@@ -42,3 +44,26 @@ def test_what_is_published_need_not_go_back() -> None:
     here = device.publish(there)
     np.testing.assert_array_equal(here, values())
     assert device.keep(here) is there
+
+
+def test_pinned_memory_is_lent_up_to_its_limit_and_used_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Oracle: the memory that arrays share with pinned buffers, and the limit."""
+    size = transfers.STEP
+    monkeypatch.setattr(transfers, "LENT", 2 * size)
+    made: list[np.ndarray] = []
+    empty = transfers.cuda.pinned_array
+    monkeypatch.setattr(
+        transfers.cuda, "pinned_array", lambda *of: made.append(empty(*of)) or made[-1]
+    )
+    pool = PinnedPool()
+    held = [pool.take((size // 16, 4), np.float32) for _ in range(3)]
+    pinned = [any(np.shares_memory(each, buffer) for buffer in made) for each in held]
+    assert pinned == [True, True, False] and all(each.nbytes == size for each in held)
+    assert not any(np.shares_memory(held[k], held[k - 1]) for k in range(3))
+    part = held.pop(0)[5:7]
+    assert not any(np.shares_memory(pool.take((size,), np.uint8), buffer) for buffer in made)
+    assert part.shape == (2, 4)
+    del part
+    assert np.shares_memory(pool.take((size,), np.uint8), made[0]) and len(made) == 2
