@@ -88,6 +88,7 @@ def test_the_numbers_say_what_was_drawn(bench: Bench) -> None:
         state,
         splats=182404,
         total=1204331,
+        missing=1200,
         scale=2.0,
         is_final=False,
         milliseconds={"sort": 1.25, "blend": 8.0, "total": 9.5},
@@ -99,6 +100,7 @@ def test_the_numbers_say_what_was_drawn(bench: Bench) -> None:
     assert (rows["frame"], rows["fps"], rows["quality"]) == ("12", "31", "1 : 2")
     assert (rows["draw"], rows["  blend"], rows["memory"]) == ("9.5 ms", "8.0", "812 MB")
     assert (rows["device"], rows["warnings"]) == ("cpu", "1")
+    assert rows["reading"] == "1\u2009200 nodes"
 
 
 def test_names_say_what_is_compared() -> None:

@@ -29,10 +29,11 @@ def error(shown: Picture, image: Any) -> float:
 
 def test_a_final_picture_arrives_bit_for_bit() -> None:
     """Oracle: the array."""
-    shown = picture(number=7, splats=3, milliseconds={"total": 1.2345}, scale=1.0)
+    shown = picture(number=7, splats=3, missing=2, milliseconds={"total": 1.2345}, scale=1.0)
     header, image = unpacked(frame(shown))
     assert (image.format, error(shown, image)) == ("PNG", 0.0)
     assert header["number"] == 7 and header["encoding"] == "image/png"
+    assert header["missing"] == 2
     assert header["viewport"] == [48, 32] and header["milliseconds"] == {"total": 1.23}
 
 

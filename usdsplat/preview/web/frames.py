@@ -54,6 +54,7 @@ def header(picture: Picture) -> dict[str, Any]:
         "aov": picture.state.look.aov,
         "splats": picture.splats,
         "total": picture.total,
+        "missing": picture.missing,
         "milliseconds": {name: round(ms, 2) for name, ms in picture.milliseconds.items()},
         "megabytes": round(picture.megabytes, 1),
         "device": picture.device,

@@ -107,7 +107,8 @@ function told(status) {
 function showHud(header) {
   const count = (number) => number.toLocaleString("en");
   const { total, ...stages } = header.milliseconds;
-  at("counts").textContent = `${count(header.splats)} of ${count(header.total)} splats`;
+  const reading = header.missing ? ` · reading ${count(header.missing)} nodes` : "";
+  at("counts").textContent = `${count(header.splats)} of ${count(header.total)} splats${reading}`;
   const quality = header.is_final ? "full" : header.scale > 1 ? `1 : ${short(header.scale)}` : "coarse";
   const size = ` · ${header.width} × ${header.height}, ${quality}`;
   const rate = viewport.rate ? ` · ${viewport.rate.toFixed(0)} fps` : "";
