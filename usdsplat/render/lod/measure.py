@@ -166,7 +166,7 @@ class NodeMeasure:
         else:
             g[2] = -sign * slope
             middle, half = _weighted(g, box.at), box.half(*g)
-            reach = turn * box.half(0, 0, 1)
+            reach = turn * box.half_depth
             if self.tangential:
                 halves = [box.half(*row) for row in np.eye(3).tolist()]
                 reach = np.linalg.norm(halves, axis=0) + half
@@ -174,7 +174,7 @@ class NodeMeasure:
         return np.asarray(beyond), np.asarray(middle + (1 + OUTSIDE) * half <= 0)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class _Box:
     """Boxes of p nodes in camera space."""
 
@@ -185,18 +185,23 @@ class _Box:
     size: F64
     """Half extents in local space, shape (p, 3)."""
 
+    @cached_property
+    def half_depth(self) -> F64:
+        """Half of the extent in depth."""
+        return self.half(0, 0, 1)
+
     def half(self, x: float, y: float, z: float) -> F64:
         """Return half of the extent along a direction in camera space."""
         return np.asarray((np.abs(_weighted((x, y, z), self.linear)) * self.size).sum(axis=1))
 
     def nearest(self) -> F64:
         """Return the least planar depth."""
-        return np.asarray(self.at[:, 2] - self.half(0, 0, 1))
+        return np.asarray(self.at[:, 2] - self.half_depth)
 
     def between(self, near: float, far: float) -> tuple[Bools, Bools]:
         """Return whether the box is partly between two planar depths, and whether all boxes within
         are."""
-        depth, half = self.at[:, 2], self.half(0, 0, 1)
+        depth, half = self.at[:, 2], self.half_depth
         nearest, farthest = depth - half, depth + half
         slack = ROUNDING * (np.abs(nearest) + np.abs(farthest))
         partly = (farthest + slack >= near) & (nearest - slack <= far)
