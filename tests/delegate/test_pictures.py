@@ -236,3 +236,21 @@ def test_rasterize_mode_and_degree_are_the_settings_or_the_prims():
     np.testing.assert_array_equal(unknown, kept)
     flat = picture(stage_of(replace(cloud, sh=cloud.sh[:, :1])))
     np.testing.assert_allclose(picture(stage_of(cloud), sh_degree=0), flat, atol=1e-6)
+
+
+def test_pictures_that_are_held_do_not_change():
+    """While others are drawn with one sample or many. Oracle: copies of the pictures."""
+    with Engine(stage_of(random_cloud(200))) as engine:
+        held, copies = [], []
+        for number, samples in enumerate((1, 1, 4, 4, 1, 4)):
+            framing = Framing(resolution=SIZE, data_window=(number, 0, 128 + number, 96))
+            view = engine.view("/Camera", framing=framing)
+            found = engine.picture(view, RenderSettings(samples=samples), ("color", "depth"))
+            found |= engine.picture(view, RenderSettings(samples=samples), ("albedo",))
+            held.append(found)
+            copies.append({name: each.copy() for name, each in found.items()})
+        assert len({each["color"].tobytes() for each in copies}) == len(copies)
+    for one, other in zip(held, copies, strict=True):
+        for name, each in one.items():
+            np.testing.assert_array_equal(each, other[name])
+            assert each.flags.c_contiguous and not each.flags.writeable
