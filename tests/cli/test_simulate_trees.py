@@ -15,7 +15,7 @@ from usdsplat.core.cloud import SplatCloud
 from usdsplat.delegate.engine import Engine
 from usdsplat.interchange.tree_reading import TreeChoice, TreeReading
 from usdsplat.render.settings import RenderSettings
-from usdsplat.schema.lod_roots import author_lod_root
+from usdsplat.schema.lod_root_authoring import author_lod_root
 from usdsplat.sim.stage.authoring import author
 
 TREE = "/tree/splats"

@@ -5,9 +5,11 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import OpenImageIO as oiio
 import pytest
 from pxr import Sdf, Usd, UsdGeom, Vt
 
+from tests.delegate.stages import add_camera
 from tests.schema.clouds import cloud
 from tests.trees import changed, little_tree
 from usdsplat import formats
@@ -66,6 +68,37 @@ def test_a_moved_folder_is_one_sentence_of_each_command(
     printed = capsys.readouterr()
     assert printed.err.count("[missing-chunk]") == 1 and said in printed.err
     assert "chunks missing     3" in printed.out
+
+
+def test_an_intact_tree_has_no_finding(tree: Path, capsys: pytest.CaptureFixture) -> None:
+    """Oracle: the picture, which is not empty. Its first rows are, with several samples a pixel."""
+    stage = Usd.Stage.Open(str(tree))
+    add_camera(stage, "/tree/Far", eye=(0.0, 0.0, 40.0))
+    stage.Save()
+    picture = tree.with_name("a.exr")
+    command = ["render", str(tree), "-o", str(picture), "--resolution", "160x120", "--strict"]
+    assert main([*command, "--camera", "Far", "--lod-error", "8"]) == 0
+    pixels = oiio.ImageBuf(str(picture)).get_pixels()
+    assert pixels[..., 3].max() > 0.5 and not pixels[0, :, 3].any()
+    assert main(["validate", str(tree)]) == 0
+    assert "nothing-to-draw" not in "".join(capsys.readouterr())
+
+
+def test_a_damaged_chunk_is_one_finding_of_render(
+    tree: Path, capsys: pytest.CaptureFixture
+) -> None:
+    """Oracle: a file that was cut off; under --strict nothing is written."""
+    chunk = tree.parent / "tree_chunks" / "0002.usdc"
+    chunk.write_bytes(chunk.read_bytes()[:900])
+    picture = tree.with_name("a.png")
+    command = ["render", str(tree), "-o", str(picture), "--resolution", "64x48", "--lod-error", "0"]
+    assert main([*command, "--strict"]) == 1
+    assert not picture.exists()
+    assert capsys.readouterr().err.count("[broken-chunk]") == 1
+    assert main(command) == 0
+    assert picture.exists()
+    said = capsys.readouterr().err
+    assert said.count("[broken-chunk]") == 1 and str(chunk) in said
 
 
 def test_a_broken_table_has_the_same_code_everywhere(

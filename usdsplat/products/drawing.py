@@ -26,7 +26,7 @@ from usdsplat.products.flat import draw_flat
 from usdsplat.products.header import Origin, labelled_layout, stage_hash
 from usdsplat.products.holdouts import check_file, holdout_of, lacking_depth
 from usdsplat.products.picture_file import PictureFile, RowsWritten
-from usdsplat.products.preflight import findings_of, go_to, of_picture
+from usdsplat.products.preflight import findings_of, go_to, of_picture, unread
 from usdsplat.products.request import PicturePlan
 from usdsplat.render.cost import Work
 from usdsplat.render.specs import CameraSpec
@@ -182,6 +182,7 @@ def draw_frames(
         if engine.remark != said:  # a GPU has failed in the meantime
             said = engine.remark
             findings.say(said)
+        findings.extend(unread(engine), time=since)
         if empty := remarks.nothing_drawn(engine, view, stats):
             findings.add(empty, time=since)
         yield DrawnPicture(

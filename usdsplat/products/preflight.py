@@ -72,16 +72,20 @@ def findings_of(
         return
     yield from of_picture(engine, plan, view.camera)
     scene = engine.render_scene
-    if scene.drawn_meshes() or _sees(scene, view):
+    has_trees = bool(scene.drawn_trees())
+    if not has_trees and (scene.drawn_meshes() or _sees(scene, view)):
         return
     stats = FrameStats()
-    if scene.drawn() or scene.drawn_trees():
-        columns, _ = plan.framing.resolution
-        bands = engine.render(view, plan.settings, band_pixels=columns)
-        next(bands)
-        stats = engine.stats
+    if has_trees or scene.drawn():
+        stats = _stats_of(engine, plan, view)
+    yield from unread(engine)
     if empty := remarks.nothing_drawn(engine, view, stats):
         yield empty
+
+
+def unread(engine: Engine) -> Iterator[Finding]:
+    """Yield a finding on each splat tree of which the last picture could not read a chunk."""
+    yield from (found for found in engine.findings if found.code == "broken-chunk")
 
 
 def lens_findings(engine: Engine, plan: PicturePlan) -> Iterator[Finding]:
@@ -93,6 +97,17 @@ def lens_findings(engine: Engine, plan: PicturePlan) -> Iterator[Finding]:
         return  # `findings_of` reports it
     if found := remarks.wide_lens(blurred, camera):
         yield found
+
+
+def _stats_of(engine: Engine, plan: PicturePlan, view: View) -> FrameStats:
+    """Return the statistics of a picture; no more is drawn than it takes to see a splat."""
+    columns, _ = plan.framing.resolution
+    next(engine.render(view, plan.settings, band_pixels=columns))
+    if not engine.stats.visible:  # with several samples, the splats of a band are counted
+        for _ in engine.render(view, plan.settings):
+            if engine.stats.visible:
+                break
+    return engine.stats
 
 
 def _sees(scene: RenderScene, view: View) -> bool:
