@@ -323,6 +323,8 @@ def plot(rows: list[Row], path: Path) -> None:
         for number, device in enumerate(dict.fromkeys(row["device"] for row in rows)):
             for view, dash in zip(VIEWS, ("-", "--"), strict=True):
                 some = [row for row in rows if (row["device"], row["view"]) == (device, view)]
+                if not some:
+                    continue
                 axes.plot(
                     [row["splats"] for row in some],
                     [row[key] for row in some],
