@@ -147,7 +147,8 @@ def _told(report: LodReport) -> str:
         f"{counted(report.chunks, 'chunk')}",
         f"  size   {said_bytes(report.size)}, {report.size / report.leaf_size:.2f} times that of "
         "its leaves",
-        f"  coarse {', '.join(map(str, report.coarse))} splats in fields for other renderers",
+        f"  coarse {', '.join(map(str, report.coarse))} splats in fields for other renderers, "
+        f"{said_bytes(report.coarse_size)} more",
         f"  pixel  {report.pixel:.4g}, errors {report.errors[0]:.4g} to {report.errors[1]:.4g}",
         f"  axes   {report.axes}",
     ]

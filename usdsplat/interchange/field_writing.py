@@ -12,7 +12,7 @@ from pxr import Sdf, Usd
 from usdsplat import schema
 from usdsplat.core.cloud import SplatCloud
 from usdsplat.core.edits import Edit
-from usdsplat.core.errors import UsageError
+from usdsplat.core.errors import StageError, UsageError
 from usdsplat.core.progress import Progress
 from usdsplat.interchange.authoring import missing_proxy
 from usdsplat.interchange.editing import edited
@@ -106,6 +106,14 @@ class FieldWriter:
         after, notes = edited(cloud, self.edits, may_empty=moves, antialiased=antialiased)
         place = where if time is None else f"{where} at {time:g}"
         return after, [f"{place}: {note}" for note in notes]
+
+
+def no_field(stage: Usd.Stage, where: str) -> StageError:
+    """Return the error of a stage without splat fields, which says whether it has splat trees."""
+    if any(schema.is_tree(prim) for prim in stage.TraverseAll()):
+        expected = "a splat field; a tree becomes a capture, such as OUT.ply"
+        return StageError(where, "splat trees and no splat field", expected)
+    return StageError(where, "no splat field", "at least one")
 
 
 def remove_data(

@@ -5,10 +5,14 @@ from __future__ import annotations
 from pxr import Sdf, Usd, UsdGeom
 
 from usdsplat import schema
-from usdsplat.core.errors import StageError
 from usdsplat.core.readable import original
 from usdsplat.interchange.asset_paths import replace_links
-from usdsplat.interchange.field_writing import FieldWriter, remove_data, restored_specifiers
+from usdsplat.interchange.field_writing import (
+    FieldWriter,
+    no_field,
+    remove_data,
+    restored_specifiers,
+)
 from usdsplat.schema.lod_roots import find_roots
 
 
@@ -36,7 +40,7 @@ def flattened(stage: Usd.Stage, where: str, writer: FieldWriter) -> Sdf.Layer:
     everything = (prim for prim in old.TraverseAll() if not roots.is_replaced(prim))
     fields = list(filter(schema.is_splat_field, everything))
     if not fields:
-        raise StageError(where, "no splat field", "at least one")
+        raise no_field(old, where)
     changed = [prim for prim in fields if writer.changes(prim)]
     writer.expect(sum(len(writer.times(prim)) for prim in changed))
     for prim in changed:

@@ -13,7 +13,6 @@ from pathlib import Path
 from pxr import Sdf, Usd
 
 from usdsplat import schema
-from usdsplat.core.errors import StageError
 from usdsplat.core.findings import Finding, finding
 from usdsplat.core.readable import original
 from usdsplat.interchange.asset_paths import expressions, make_absolute, make_relative, restore
@@ -23,7 +22,12 @@ from usdsplat.interchange.field_variants import (
     field_variants,
     select,
 )
-from usdsplat.interchange.field_writing import FieldWriter, remove_data, restored_specifiers
+from usdsplat.interchange.field_writing import (
+    FieldWriter,
+    no_field,
+    remove_data,
+    restored_specifiers,
+)
 from usdsplat.schema.lod_roots import find_roots
 
 _EVALUATED = "asset paths with variables were evaluated, because the file is in another folder"
@@ -56,7 +60,7 @@ def converted_root(
     old, new = _opened(stage, root), _opened(stage, after)
     fields = field_variants(old)
     if not fields and not any(_in_instances(old)):
-        raise StageError(root.identifier, "no splat field", "at least one")
+        raise no_field(old, root.identifier)
     known = {each.path for each in fields}
     specs = _specs(after, known)
     own = [each for each in fields if not _is_covered(old, each, known)]

@@ -137,7 +137,7 @@ def test_a_tree_of_many_small_nodes_has_cuts_of_them(tmp_path):
 def test_conversions_of_fields_leave_them_alone(built, tmp_path, flatten):
     """Oracle: the forms of all fields: only the field that is not for other renderers changes."""
     path, _ = built
-    with pytest.raises(StageError, match="found no splat field"):
+    with pytest.raises(StageError, match="found splat trees and no splat field"):
         convert(path, tmp_path / "a.usdc", options=ImportOptions(form="packed"), flatten=flatten)
     stage = Usd.Stage.CreateNew(str(tmp_path / "shot.usda"))
     stage.DefinePrim("/City").GetReferences().AddReference(str(path))

@@ -327,6 +327,7 @@ class _Job:
                 for number in range(int(table.chunk.max()) + 1)
             ),
             coarse=coarse,
+            coarse_size=(tree_files.folder / COARSE_FILE).stat().st_size,
             leaf_size=splats * (28 + 16 * harmonics_width(self.meeting.degree)),
             pixel=self.meeting.pixel,
             errors=(float(errors.min()), float(errors.max())) if len(errors) else (0.0, 0.0),

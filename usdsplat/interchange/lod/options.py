@@ -71,6 +71,8 @@ class LodReport:
     """Size of the splats of the leaves and of the residents in packed form [byte]."""
     coarse: tuple[int, ...]
     """Number of splats of each stock field for other renderers, the finest first."""
+    coarse_size: int
+    """Size of the layer with these fields [byte]."""
     pixel: float
     """See `LodOptions.pixel` [unit of the file]."""
     errors: tuple[float, float]
