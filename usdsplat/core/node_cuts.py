@@ -117,7 +117,7 @@ def budget_cut(table: NodeTable, most: int) -> NodeCut:
 
 
 def refined_cut(table: NodeTable, refined: Bools) -> NodeCut:
-    """Return the cut that refines some nodes, and all nodes without proxies.
+    """Return the cut in which given nodes are refined, and all nodes without proxies.
 
     Args:
         table: A valid table.

@@ -68,8 +68,8 @@ class NodeTable:
 
     @cached_property
     def least(self) -> I64:
-        """Least number of splats of a cut at and below each node, shape (n,). The table is
-        valid."""
+        """Number of splats of the smallest cut of the subtree of each node, shape (n,). The table
+        must be valid."""
         found, parents = self.sizes.copy(), self.parents()
         starts = [0, 1]
         while starts[-1] < len(self):  # the nodes of a level follow each other

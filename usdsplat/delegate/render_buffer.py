@@ -42,7 +42,7 @@ class RenderBuffer:
         self._pixels = lent.reshape(shape)
 
     def adopt(self, picture: Pixels) -> None:
-        """Take a whole picture that nobody writes as long as anything refers to it."""
+        """Keep a whole picture without a copy. The caller must never write to its array again."""
         self._pixels, self._idle = picture, None
 
     def write(self, row: int, band: Pixels) -> None:

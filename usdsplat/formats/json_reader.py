@@ -22,8 +22,10 @@ _DECODER = json.JSONDecoder()
 
 
 class JsonReader:
-    """Position in a JSON text. After each key and before each element, exactly one value must be
-    consumed: with `value`, `items` or `elements`.
+    """Reader of a JSON text, from its beginning to its end.
+
+    Call `value`, `items` or `elements` exactly once for the text itself, after each key that
+    `items` yields, and whenever `elements` yields.
 
     Raises:
         FormatError: If the text is not UTF-8; `where` names it.
@@ -61,7 +63,7 @@ class JsonReader:
         raise self._wrong()
 
     def items(self) -> Iterator[str]:
-        """Yield the keys of the object that follows; the caller consumes the value of each."""
+        """Read an object: yield each key; the caller must then read its value."""
         self._take("{")
         if self.next() == "}":
             self._at += 1
@@ -76,7 +78,7 @@ class JsonReader:
             more = self._take(",}") == ","
 
     def elements(self) -> Iterator[None]:
-        """Yield once for each element of the list that follows; the caller consumes it."""
+        """Read a list: yield once before each element, which the caller must then read."""
         self._take("[")
         if self.next() == "]":
             self._at += 1

@@ -97,12 +97,15 @@ class Document:
             )
 
     def draw(self, state: ViewState) -> bool:
-        """Draw and publish a new picture and return whether a better one follows at once.
+        """Draw a new picture and publish it.
 
         A picture does not wait for the nodes of splat trees: `wake` is called when some were read,
         and the next call draws them.
 
         Edits of the stage since the last call are published first, once.
+
+        Returns:
+            Whether to call this again at once, for a picture of higher quality.
 
         Raises:
             UsdSplatError: If the state cannot be drawn.

@@ -24,4 +24,4 @@ class Band:
     arrays: dict[str, npt.NDArray[Any]]
     """AOV -> pixels, shape (y1 - y0, width) or, of color, (y1 - y0, width, 4)."""
     lasting: frozenset[str] = frozenset()
-    """AOVs whose arrays nobody writes as long as anything refers to them: copies from a GPU."""
+    """AOVs whose arrays stay unchanged after the next band is requested: copies from a GPU."""

@@ -60,7 +60,7 @@ class Chunks:
         """Tokens of each tree's chunks at the time at which its table was read."""
         self._tokens: dict[str, tuple[Any, ...]] = {}
         self._levels: dict[str, int | str | None] = {}
-        """Tree -> level that an override demands, or why it has none."""
+        """Path of a tree -> its level, see `_level`."""
         self._looked = 0.0
         """When the files were looked at [s]."""
         self._key: Any = None
@@ -247,7 +247,8 @@ class Chunks:
 
 
 def _level(prim: Usd.Prim, code: Usd.TimeCode) -> int | str | None:
-    """Return the level that an override demands of a tree, or the error of the override."""
+    """Return the level that an override sets for a tree; None without an override, or the text of
+    the error if the override is invalid."""
     try:
         return tree_level(prim, code)
     except StageError as error:
@@ -259,7 +260,7 @@ class _Live:
     """Splats in memory that take the place of those of a node."""
 
     token: Hashable
-    """Differs from that of all others."""
+    """Identifies this content: each update has another token."""
     cloud: SplatCloud
     box: F64 | None
     """Their extent, shape (2, 3); None without a finite splat."""

@@ -58,7 +58,7 @@ class NodeReader:
         self._ranges = array("q")
 
     def read(self) -> LodNodes:
-        """Read the tree that follows.
+        """Read the value of the key `tree`, with all nodes.
 
         Raises:
             FormatError: If it is not a tree of nodes, a value is invalid, or there are more than

@@ -246,7 +246,8 @@ class _Job:
         tree_files: TreeFiles,
         notes: Sequence[str],
     ) -> Usd.Prim:
-        """Write the prims of the tree, and the one for its coarse levels beside it."""
+        """Author the prims of the tree, and beside them the prim of its coarse levels. Return the
+        prim of the tree."""
         model = Sdf.Path.absoluteRootPath.AppendChild(identifier(tree_files.target.stem))
         path = model.AppendChild(FIELD)
         chunks = [tree_files.asset(chunk_name(n)) for n in range(int(table.chunk.max()) + 1)]

@@ -55,9 +55,9 @@ class NodeCache:
         """Sum of the sizes of the entries."""
         self._reading: dict[Hashable, Future[Result]] = {}
         self._ahead: set[Hashable] = set()
-        """Keys that are to be read although nobody waits for them."""
+        """Keys of the reads whose results no caller waits for."""
         self.reads = 0
-        """Number of finished reads for which nobody waited."""
+        """Number of finished reads whose results no caller waited for."""
         self.on_read: Callable[[], None] = lambda: None
         """Called after each of these, by the thread that read."""
         self._pool: ThreadPoolExecutor | None = None
@@ -68,7 +68,7 @@ class NodeCache:
 
     @property
     def is_reading(self) -> bool:
-        """Whether splats are being read, or are to be read."""
+        """Whether any read is running or waits for a thread."""
         return bool(self._reading)
 
     @property
@@ -143,7 +143,7 @@ class NodeCache:
     # --- private ---------------------------------------------------------------------------
 
     def _cancel_ahead(self) -> None:
-        """Cancel what nobody waits for, unless it is being read."""
+        """Cancel the reads that have not begun and whose results no caller waits for."""
         for key in list(self._ahead):
             if self._reading[key].cancel():
                 self._finish(key)

@@ -208,7 +208,7 @@ class _Search:
         self._floors = np.empty(0, np.int64)
         """Least number of visible splats in place of each node of `open`."""
         self._settled = 0
-        """Number of visible splats that are drawn however `open` is refined."""
+        """Number of visible splats that are drawn whichever nodes of `open` are refined."""
         self.open = NONE_REACHED
         """The nodes that may be refined next."""
         self.errors = np.empty(0)

@@ -121,8 +121,10 @@ class NodeMeasure:
         return float(1 / np.sqrt(1 + u * u + v * v))
 
     def _touches(self, box: _Box, window: tuple[int, int, int, int]) -> tuple[Bools, Bools]:
-        """Return whether the ellipse of a splat in the box can touch a window, and whether that
-        holds for any box within.
+        """Return two masks of the boxes, shape (p,) each.
+
+        The first is whether a splat in the box can touch a window. The second is whether the whole
+        box is in the window: then splats of every smaller box in it can touch the window too.
 
         A splat reaches REACH standard deviations on the screen, as its box, plus the low-pass. What
         the affine approximation adds is added: it is taken at the splat's centre, not at the border

@@ -45,8 +45,8 @@ class TreeSpec:
     tokens share the splats in memory."""
     load: Load
     live: Mapping[int, tuple[Hashable, SplatCloud]] = field(default_factory=dict)
-    """Node -> splats in memory that take the place of its chunk's rows, as many, after a token of
-    their content."""
+    """Node -> (token, splats): splats in memory that are drawn instead of the node's rows in its
+    chunk. Their number is the same. The token is another one whenever the splats are replaced."""
     degree: int = 0
     """Degree of the harmonics."""
     color_space: str = "srgb_rec709_scene"

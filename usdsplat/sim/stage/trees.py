@@ -27,7 +27,7 @@ class TreeCut:
 
     @classmethod
     def of(cls, prim: Usd.Prim, parameters: SimParameters) -> TreeCut:
-        """Choose the cut of a tree; no chunk is opened.
+        """Return the cut of a tree that the parameters ask for. No chunk is opened.
 
         Raises:
             StageError: If the tree cannot be read, or has no such cut.
