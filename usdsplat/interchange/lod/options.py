@@ -11,9 +11,8 @@ from usdsplat.formats import READ_OPTIONS, ReadOptions
 MEMORY = 4 << 30
 """Default limit of memory [byte]."""
 LEAF_SPLATS = 16_384
-"""Default size of nodes [splat]. With more, a node spans too many sizes on the screen: at equal
-budgets, views of a city are up to twice as coarse with 65,536. With 8,192, trees are not better,
-and take 20 % longer to build."""
+"""Default maximum number of splats of a node. Larger nodes span more sizes on the screen, so that
+a budget draws views coarser; smaller ones take longer to build."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
