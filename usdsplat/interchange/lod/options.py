@@ -12,7 +12,7 @@ MEMORY = 4 << 30
 """Default limit of memory [byte]."""
 LEAF_SPLATS = 16_384
 """Default maximum number of splats of a node. Larger nodes span more sizes on the screen, so that
-a budget draws views coarser; smaller ones take longer to build."""
+a budget draws views coarser; of smaller ones, more must be chosen and read."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
