@@ -44,7 +44,10 @@ from usdsplat.render.lod import nodes
 from usdsplat.render.settings import RenderSettings
 from usdsplat.render.specs import View
 
-SCENES = ("pod.spz", "playbot_lod2.sog", "merged")
+SCENES = (
+    "pod.spz", "playbot_lod2.sog", "flowers_lod2_0.sog", "statue_trumpet.sog", "statue_massa.sog",
+    "merged",
+)  # fmt: skip
 MERGED = 400_000
 """Number of splats of the merged scene."""
 MOVES = ("orbit", "dolly")

@@ -23,7 +23,7 @@ def camera(**changes):
 
 
 def project_rows(
-    device, positions, *, scales, rotations=None, opacities=None, matrix=None, **changes
+    device, positions, *, scales, rotations=None, opacities=None, matrix=None, weights=(), **changes
 ):
     """Records, keys and sources of the visible splats of one field, in block order."""
     positions = np.float32(positions)
@@ -41,8 +41,8 @@ def project_rows(
     found = np.zeros(blocks, np.int32)
     volumes, crops = np.empty(0, crop.CROP), np.empty((1, 0, 3, 4))
     device.run(
-        project.project, camera(**changes), matrix[None, :3].copy(), volumes, crops,
-        np.empty(0, np.int32), device.upload(positions),
+        project.project, camera(**changes), matrix[None, :3].copy(), np.float32(weights),
+        volumes, crops, np.empty(0, np.int32), device.upload(positions),
         device.upload(np.float32(rotations)), device.upload(np.float32(scales)),
         device.upload(opacities), np.empty(0, np.uint8), block, 0, out, found,
     )  # fmt: skip

@@ -17,6 +17,7 @@ import numpy as np
 from numba import prange
 
 from .crop import is_left
+from .fading import faded
 from .jit import parallel, scalar
 
 BLOCK = 1024
@@ -131,9 +132,9 @@ def trained_low_pass(cam, m, x, y, z):
 
 
 @scalar
-def project_one(cam, m, position, q, s, opacity, record):
+def project_one(cam, m, position, q, s, opacity, weight, record):
     """Fill columns U..HALF_HEIGHT and DEPTH of `record`. Return whether the splat may touch the
-    data window.
+    data window. `weight` in ]0, 1] fades it, see `fading`.
 
     The centre is transformed in float64, so that a capture far from the origin loses no precision.
     Everything after that is relative to the camera and float32.
@@ -160,6 +161,8 @@ def project_one(cam, m, position, q, s, opacity, record):
         kept = trained_low_pass(cam, m, x, y, z)
         before = area + kept * (np.float64(pp) + gg) + kept * kept
         opacity = np.float32(opacity * math.sqrt(before / det))
+    if weight < np.float32(1):
+        opacity = np.float32(faded(opacity, weight))
     if not (opacity > np.float32(0)):
         return False
     log_opacity = np.float32(math.log(opacity))
@@ -203,14 +206,16 @@ def squared_distance(m, position):
 
 @parallel(writes=("out", "found"), gpu="project.project")
 def project(
-    camera, matrices, volumes, crops, rows, positions, rotations, scales, opacities, closed, block,
-    base, out, found,
+    camera, matrices, weights, volumes, crops, rows, positions, rotations, scales, opacities,
+    closed, block, base, out, found,
 ):  # fmt: skip
     """Project all instances of one field.
 
     Args:
         camera: One CAMERA record, shape (1,).
         matrices: Local to camera, float64, shape (m, 3, 4), one per instance.
+        weights: Weight in ]0, 1] that fades each instance, see `fading`, shape (m,) f32; empty if
+            all are 1.
         volumes: CROP records that keep or remove splats, shape (k,).
         crops: From the field's space to each volume's, shape (m, k, 3, 4) f64.
         rows: Row of each splat in its field, shape (n,) i32; empty if rows are in order.
@@ -230,6 +235,9 @@ def project(
     for item in prange(matrices.shape[0] * blocks):
         cam = camera[0]
         m = matrices[item // blocks]
+        weight = np.float32(1)
+        if weights.shape[0] > 0:
+            weight = weights[item // blocks]
         slot = base + item * block
         first = (item % blocks) * block
         count = 0
@@ -241,7 +249,7 @@ def project(
             if volumes.shape[0] > 0 and not is_left(volumes, crops[item // blocks], positions[i]):
                 continue
             if project_one(
-                cam, m, positions[i], rotations[i], scales[i], opacities[i], records[at]
+                cam, m, positions[i], rotations[i], scales[i], opacities[i], weight, records[at]
             ):
                 if cam.sorting == SORT_DISTANCE and cam.projection != ORTHOGRAPHIC:
                     keys[at] = squared_distance(m, positions[i])

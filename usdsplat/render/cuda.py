@@ -80,7 +80,7 @@ class ColorPicture:
                 groups.append(each.frame_nodes(self._pools[each.coefficients].arrays, degree))
                 matrices.append(projector.to_camera(each.placements))
                 sights.append(projector.sights(each.placements))
-                parts.append(each.drawn(layout.hidden))
+                parts.append(each.drawn(layout.weights))
             else:
                 groups.append(self._group(head, degree))
                 matrices.append(projector.matrices(head))

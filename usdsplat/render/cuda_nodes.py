@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from usdsplat.core.cloud import I32, I64, SplatCloud
+from usdsplat.core.cloud import F32, I32, I64, SplatCloud
 from usdsplat.kernels.cuda.frame.groups import FrameNodes
 from usdsplat.kernels.cuda.frame.picture import size_of
 from usdsplat.kernels.cuda.frame.project import PART
+from usdsplat.kernels.fading import WHOLE
 from usdsplat.render.draw_list import DrawList, Group, Placements, stepping
 
 INSTANCES = 64
@@ -49,12 +49,14 @@ class NodeRun:
             splats=arrays, instances=len(self.placements), all_parts=len(self.table), degree=degree
         )
 
-    def drawn(self, hidden: npt.NDArray[np.bool_] | None) -> I32:
-        """Return the table without the parts of appearances that are hidden."""
-        if hidden is None:
+    def drawn(self, weights: F32 | None) -> I32:
+        """Return the table with the weights of a sample; hidden appearances have no splats."""
+        if weights is None:
             return self.table
         table = self.table.copy()
-        table[: len(self.owners), 1][hidden[self.owners]] = 0
+        of_parts = weights[self.owners]
+        table[: len(self.owners), 1][of_parts == 0] = 0
+        table[: len(self.owners), 3] = of_parts * WHOLE
         return table
 
 
@@ -126,11 +128,12 @@ def _run(
     )
     matrices = -(-matrices // INSTANCES) * INSTANCES
     used = np.pad(used, (0, matrices - len(used)), mode="edge")
-    table = np.zeros((size_of(rows), 3), np.int32)
+    table = np.zeros((size_of(rows), 4), np.int32)
     parts = table[: len(owner)]
     parts[:, 0] = PART * np.concatenate([pages[number] for number in numbers])[places]
     parts[:, 1] = np.minimum(PART, layout.sizes[first + owner] - PART * within)
     parts[:, 2] = placed[owner]
+    parts[:, 3] = WHOLE
     return NodeRun(
         head=numbers[0],
         coefficients=groups[0].cloud.sh.shape[1],

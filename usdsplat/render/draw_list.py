@@ -12,8 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from usdsplat.core.cloud import F64, I32, I64, SplatCloud
+from usdsplat.core.cloud import F32, F64, I32, I64, SplatCloud
 from usdsplat.kernels import project
+from usdsplat.kernels.fading import WHOLE
 from usdsplat.render.fields import Drawn, Field
 from usdsplat.render.specs import InstanceSpec
 from usdsplat.render.splat_budget import SplatSubset, shares
@@ -116,20 +117,21 @@ class DrawList:
     """Number of drawn splats; each instance counts."""
     total: int
     """Number of splats that would be drawn without a budget."""
-    hidden: npt.NDArray[np.bool_] | None = None
-    """Whether each appearance is hidden, shape (n,); None if none is."""
+    weights: F32 | None = None
+    """Weight that fades each appearance, see `kernels.fading`, in [0, 1], shape (n,); 0 hides it.
+    None if all are 1."""
 
     @property
     def slots(self) -> int:
         """Slots of all groups."""
         return self.groups[-1].slot + self.groups[-1].slots if self.groups else 0
 
-    def hiding(self, appearances: npt.NDArray[np.bool_]) -> DrawList:
-        """Return the layout with some appearances hidden; none may be hidden before."""
-        if not appearances.any():
+    def fading(self, weights: F64) -> DrawList:
+        """Return the layout with weights, which are rounded; it may have none before."""
+        rounded = (np.rint(weights * WHOLE) / WHOLE).astype(np.float32)
+        if (rounded == 1).all():
             return self
-        splats = self.splats - int(self.sizes[appearances].sum())
-        return replace(self, hidden=appearances, splats=splats)
+        return replace(self, weights=rounded, splats=int(self.sizes[rounded > 0].sum()))
 
 
 def draw_list(drawn: Sequence[Drawn], others: Iterable[str] = (), *, budget: int = 0) -> DrawList:

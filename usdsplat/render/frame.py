@@ -62,14 +62,15 @@ def render_frame(
     """Draw a picture, band by band from the top."""
     samples = sampling.samples(frame.settings, camera)
     plan = samples_of(frame.settings, samples, frame.nodes, frame.settings.lod_samples)
-    center = sampling.center(frame.settings, camera)
     if len(plan) == 1 and len(plan[0]) == 1:
-        sample = prepare(frame, center, screen.window, frame.aovs)
-        motion = find_motion(frame, sample, center)
+        only = plan[0][0]
+        sample = prepare(frame, only, screen.window, frame.aovs)
+        motion = find_motion(frame, sample, only)
         for y0, y1 in screen.bands(band_pixels):
             arrays = draw_band(frame, sample, (y0, y1), frame.aovs, motion)
             yield fetched(frame, (y0, y1), arrays)
         return
+    center = sampling.center(frame.settings, camera)
     for y0, y1 in screen.bands(band_pixels):
         try:
             band = average_band(frame, plan, center, screen, (y0, y1))

@@ -61,7 +61,7 @@ class FrameContext:
     stats: FrameStats
     clock: Clock
 
-    def layout(self, scene: RenderScene, fade: float) -> DrawList:
+    def layout(self, scene: RenderScene, fade: tuple[float, float]) -> DrawList:
         """Return the splats of a sample, see `PictureNodes.layout`."""
         if self.nodes is None:
             return scene.draw_list(self.settings.splat_budget)

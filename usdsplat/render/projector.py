@@ -25,6 +25,7 @@ from usdsplat.render.specs import FieldSpec
 
 BEHIND = -1e30
 """Depth of hidden instances, in front of every near plane [scene unit]."""
+NO_WEIGHTS: F32 = np.empty(0, np.float32)
 DOT_REACH = 4
 """Distance beyond the data window within which display mode points keeps splats [pixel]. Their dots
 may be larger than the splats."""
@@ -219,7 +220,10 @@ class Projector:
         """
         if group.rows is not None:
             return None
-        arrays = self.matrices(group), self.record(group), group.placements.transforms
+        arrays = (
+            self.matrices(group), self.weights(group), self.record(group),
+            group.placements.transforms,
+        )  # fmt: skip
         field = group.field
         return first, field.shapes, field.crops, *(array.tobytes() for array in arrays)
 
@@ -244,9 +248,15 @@ class Projector:
     def matrices(self, group: Group) -> F64:
         """Return the local-to-camera matrices, shape (m, 3, 4)."""
         found = self.to_camera(group.placements)
-        if self.layout.hidden is not None:
-            found[self.layout.hidden[group.appearances], 2, 3] = BEHIND
+        weights = self.weights(group)
+        if len(weights):
+            found[weights == 0, 2, 3] = BEHIND
         return found
+
+    def weights(self, group: Group) -> F32:
+        """Return the weights that fade the instances, shape (m,); empty if all are 1."""
+        found = self.layout.weights
+        return NO_WEIGHTS if found is None else found[group.appearances]
 
     def to_camera(self, placements: Placements) -> F64:
         """Return local-to-camera matrices, shape (m, 3, 4)."""
@@ -280,7 +290,7 @@ class Projector:
         if len(laid.boxes):
             run(blocks.cull, record, matrices, keep(laid.boxes), closed)
         run(
-            project.project, record, matrices, shapes, crops, keep(laid.rows),
+            project.project, record, matrices, self.weights(group), shapes, crops, keep(laid.rows),
             keep(laid.positions), keep(laid.rotations), keep(laid.scales), keep(laid.opacities),
             closed, group.block, group.slot, out, found,
         )  # fmt: skip

@@ -54,8 +54,8 @@ class Sample:
     """As `offset`, for coarse levels of splat trees."""
     inner_low_pass: float = 1.0
     """Low-pass of these levels, as a factor on that of the picture."""
-    fade: float = 0.0
-    """Position of the sample among those that fade levels of splat trees, see `lod.cut`."""
+    fade: tuple[float, float] = (0.0, 0.0)
+    """Part of [0, 1] in which the sample fades levels of splat trees, see `lod.cut`."""
 
 
 def samples(settings: RenderSettings, camera: CameraSpec) -> tuple[Sample, ...]:
@@ -90,9 +90,9 @@ def subdivided(
     """
     times = -(-(along * along) // len(plan))
     n = times * len(plan)
-    if n == 1:
-        return (plan,)
     fades = _strata(n, FADE_STEP)
+    if n == 1:
+        return ((replace(plan[0], fade=(0.0, 1.0)),),)
     if len(plan) == 1:
         across = (np.arange(along) + 0.5) / along - 0.5
         points = [(x, y) for y in across.tolist() for x in across.tolist()]
@@ -109,7 +109,7 @@ def subdivided(
             plan[i // times],
             inner_offset=points[i],
             inner_low_pass=INNER_LOW_PASS * area,
-            fade=fade,
+            fade=(fade - 0.5 / n, fade + 0.5 / n),
         )
         for i, fade in enumerate(fades.tolist())
     )

@@ -11,7 +11,7 @@ from usdsplat.render.sampling import Sample
 
 def _drawn(scene, view, **settings):
     nodes = nodes_of(scene, lambda _: (scene, view), settings_of(**settings), (Sample(),))
-    return nodes, nodes.layout(scene, 0.0)
+    return nodes, nodes.layout(scene, (0.0, 0.0))
 
 
 def drawn_counts(scene, view, **settings):
@@ -20,8 +20,9 @@ def drawn_counts(scene, view, **settings):
     counts = Counter()
     for group in layout.groups:
         name = "/tree" if group.field.is_node else "/a"
-        hidden = 0 if layout.hidden is None else int(layout.hidden[group.appearances].sum())
-        counts[name] += len(group.cloud) * (group.instances - hidden)
+        weights = layout.weights
+        shown = group.instances if weights is None else (weights[group.appearances] > 0).sum()
+        counts[name] += len(group.cloud) * int(shown)
     assert layout.splats == sum(counts.values())
     return dict(+counts)
 

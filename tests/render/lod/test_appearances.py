@@ -9,6 +9,7 @@ import numpy as np
 from tests.render.lod.trees import made
 from tests.render.rendering import lens, random_cloud, random_transform, settings_of, view_of
 from usdsplat.kernels.cuda.frame.project import PART
+from usdsplat.kernels.fading import WHOLE
 from usdsplat.render.cuda_nodes import NodeRun, planned
 from usdsplat.render.lod.nodes import nodes_of
 from usdsplat.render.sampling import Sample
@@ -58,16 +59,18 @@ def test_a_layout_is_kept_while_the_cut_is_the_same():
     """Oracle: identity, and the drawn nodes."""
     scene, view = scene_of(made(1, n=200, error=0.05)), view_of(lens())
     first = nodes_in(scene, view, lod_error=20.0)
-    layout = first.layout(scene, 0.0)
+    layout = first.layout(scene, (0.0, 0.0))
     moved = np.array(view.camera.world_to_camera).reshape(4, 4)
     moved[0, 3] += 1e-4
     near = replace(view, camera=replace(view.camera, world_to_camera=tuple(moved.ravel())))
     second = nodes_in(scene, near, lod_error=20.0)
-    assert second.layout(scene, 0.0).placed is layout.placed
+    assert second.layout(scene, (0.0, 0.0)).placed is layout.placed
     assert [each[0] for each in second.drawn(scene)] == [each[0] for each in first.drawn(scene)]
-    assert nodes_in(scene, view, lod_error=5.0).layout(scene, 0.0).placed is not layout.placed
+    assert (
+        nodes_in(scene, view, lod_error=5.0).layout(scene, (0.0, 0.0)).placed is not layout.placed
+    )
     scene.set_visible("/z", visible=False)
-    fewer = nodes_in(scene, view, lod_error=20.0).layout(scene, 0.0)
+    fewer = nodes_in(scene, view, lod_error=20.0).layout(scene, (0.0, 0.0))
     assert len(fewer.placed) == len(layout.placed) - 2
 
 
@@ -75,8 +78,8 @@ def test_a_gpu_draws_the_parts_of_each_appearance_in_order():
     """Oracle: the appearances and their splats, one by one."""
     scene = scene_of(made(1, n=2000, leaf=600, error=0.05))
     nodes = nodes_in(scene, view_of(lens()), lod_error=50.0, lod_samples=2)
-    layout = nodes.layout(scene, 0.0)
-    hidden = np.arange(len(layout.placed)) % 3 == 1
+    layout = nodes.layout(scene, (0.0, 0.0))
+    weights = np.float32([1, 0, 0.25])[np.arange(len(layout.placed)) % 3]
     given = {}
 
     def pages_of(coefficients, clouds):
@@ -101,12 +104,18 @@ def test_a_gpu_draws_the_parts_of_each_appearance_in_order():
                 break
             for number, page in enumerate(given[id(field.spec.cloud)].tolist()):
                 count = min(PART, len(field.spec.cloud) - PART * number)
-                expected.append((PART * page, 0 if hidden[at] else count, instance.transform))
-        table = run.drawn(hidden)
-        found = [(a, n, tuple(run.placements.transforms[k].ravel())) for a, n, k in table.tolist()]
+                shown = 0 if weights[at] == 0 else count
+                whole = int(WHOLE * weights[at])
+                expected.append((PART * page, shown, instance.transform, whole))
+        table = run.drawn(weights)
+        found = [
+            (a, n, tuple(run.placements.transforms[k].ravel()), whole)
+            for a, n, k, whole in table.tolist()
+        ]
         assert found[: len(expected)] == expected
         assert not table[len(expected) :].any()
         assert (run.drawn(None)[: len(expected), 1] > 0).all()
+        assert (run.drawn(None)[: len(expected), 3] == WHOLE).all()
     assert sum(isinstance(run, NodeRun) for run in plan) == 2
     again = planned(layout, pages_of, [run for run in plan if isinstance(run, NodeRun)])
     assert [len(run.table) for run in again if isinstance(run, NodeRun)] == [

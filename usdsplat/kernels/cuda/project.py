@@ -38,8 +38,8 @@ ALL_LANES = 0xFFFFFFFF
 
 @kernel(exact=True)  # like `frame.project`: both must find the same splats, in the same order
 def _project(
-    camera, matrices, volumes, crops, rows, positions, rotations, scales, opacities, closed, block,
-    base, out, found,
+    camera, matrices, weights, volumes, crops, rows, positions, rotations, scales, opacities,
+    closed, block, base, out, found,
 ):  # fmt: skip
     records, keys, sources = out
     seen_of = cuda.shared.array(WARPS, np.int32)
@@ -51,6 +51,9 @@ def _project(
     blocks = (n + block - 1) // block
     item = cuda.blockIdx.x
     m = matrices[item // blocks]
+    weight = np.float32(1)
+    if weights.shape[0] > 0:
+        weight = weights[item // blocks]
     first = (item % blocks) * block
     end = min(first + block, n)
     if closed.shape[0] > 0 and closed[item]:
@@ -64,7 +67,7 @@ def _project(
             volumes.shape[0] == 0 or is_left(volumes, crops[item // blocks], positions[i])
         ):
             is_seen = project_one(
-                cam, m, positions[i], rotations[i], scales[i], opacities[i], record
+                cam, m, positions[i], rotations[i], scales[i], opacities[i], weight, record
             )
         votes = np.uint32(cuda.ballot_sync(ALL_LANES, is_seen))
         at = slot + count + cuda.popc(np.uint32(votes & cuda.lanemask_lt()))

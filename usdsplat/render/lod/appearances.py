@@ -57,12 +57,11 @@ class Appearances:
     instances: list[InstanceSpec]
     placed: I64
     """Row in `instances` of each appearance, shape (n,)."""
-    least: F64
-    """A sample draws an appearance if it refines the nodes above this error [pixel], or above a
-    larger one; shape (n,)."""
-    most: F64
-    """A sample draws an appearance if it refines the nodes above a smaller error than this [pixel];
-    shape (n,)."""
+    errors: F64
+    """Projected error of each appearance's node [pixel], shape (n,); minus infinity for splats of
+    captures, which nothing replaces."""
+    above: F64
+    """Projected error of the node's parent [pixel], shape (n,); infinity without one."""
 
     def drawn(self) -> Iterator[Drawn]:
         """Yield each appearance."""
@@ -154,8 +153,8 @@ class Gatherer:
             fields=[f for f, count in zip(fields, counts, strict=True) if f is not None and count],
             counts=counts[counts > 0],
             placed=placed[kept],
-            least=np.where(parts.is_inner, parts.errors, -np.inf)[kept],
-            most=parts.above[kept],
+            errors=np.where(parts.is_inner, parts.errors, -np.inf)[kept],
+            above=parts.above[kept],
         )
         if parts.is_inner:
             self._inner.append(block)
@@ -178,8 +177,8 @@ class Gatherer:
             counts=np.concatenate([block.counts for block in blocks]),
             instances=self._instances,
             placed=np.concatenate([block.placed for block in blocks]),
-            least=np.concatenate([block.least for block in blocks]),
-            most=np.concatenate([block.most for block in blocks]),
+            errors=np.concatenate([block.errors for block in blocks]),
+            above=np.concatenate([block.above for block in blocks]),
         )
 
     def _fields(self, first: int, end: int) -> _Block:
@@ -190,8 +189,8 @@ class Gatherer:
             fields=[field for _, field, _ in some],
             counts=np.ones(count, np.int64),
             placed=np.arange(first, end),
-            least=np.full(count, -np.inf),
-            most=np.full(count, np.inf),
+            errors=np.full(count, -np.inf),
+            above=np.full(count, np.inf),
         )
 
 
@@ -203,5 +202,5 @@ class _Block:
     fields: list[Field]
     counts: I64
     placed: I64
-    least: F64
-    most: F64
+    errors: F64
+    above: F64

@@ -6,9 +6,10 @@ exceeds the limit or the budget of splats is full. A node is refined with all of
 cut is complete however small the budget is.
 
 Errors only become smaller from a node to its children, so a cut is given by one number: the nodes
-with larger errors are refined. Samples of a picture use numbers between the limit and FADE times
-the limit. A node whose error lies between is then drawn in some samples, and its children in the
-others, which fades it into its children while a camera approaches.
+with larger errors are refined. A node whose error is between the limit and FADE times the limit is
+faded into its children while a camera approaches. Each sample of a picture has a part of this
+range, in which it draws both with weights, see `kernels.fading`; below it, it draws the node only,
+and above it the children only. So at most one sample mixes a node with its children.
 """
 
 from __future__ import annotations
@@ -97,8 +98,21 @@ class Cut:
     """Number of splats in the finest cut that can be seen; each instance counts."""
 
     def error_at(self, fade: float) -> float:
-        """Return the error [pixel] above which a sample refines nodes; `fade` is in [0, 1]."""
+        """Return the error [pixel] of a node at a point of its fade: 0 where it is drawn itself, 1
+        where only its children are drawn."""
         return self.limit * (1 + fade * (FADE - 1))
+
+    def refined(self, errors: F64, fade: tuple[float, float]) -> F64:
+        """Return the weights in [0, 1] with which a sample draws the children of nodes.
+
+        Args:
+            errors: Projected errors of the nodes [pixel], which may be infinite.
+            fade: See `Sample.fade`. Nodes are refined at once if its ends are equal.
+        """
+        begin, end = map(self.error_at, fade)
+        if end <= begin:
+            return (errors > begin).astype(np.float64)
+        return np.clip((errors - begin) / (end - begin), 0, 1)
 
     def shows_inner(self, tables: Sequence[NodeTable], most: float) -> bool:
         """Return whether proxies of an inner node are shown by a cut that refines nodes above the

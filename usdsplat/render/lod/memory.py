@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from usdsplat.render import memory
-from usdsplat.render.lod.nodes import fades, view_cut
+from usdsplat.render.lod.nodes import view_cut
 from usdsplat.render.memory import Estimate, PictureRequest
 from usdsplat.render.scene import RenderScene
 from usdsplat.render.settings import RenderSettings
@@ -36,11 +36,11 @@ class ViewLoad:
 def view_load(scene: RenderScene, view: View, settings: RenderSettings) -> ViewLoad:
     """Return what a picture of a view without blur needs of the splat trees. Nothing is read."""
     cut = view_cut(scene, view, settings)
-    finest = cut.error_at(1.0 if fades(settings) else 0.0)
+    coarsest = cut.error_at(1.0)
     sizes: dict[tuple[Hashable, int, bool], int] = {}  # trees of equal chunks share their splats
     for (_, tree), reached in zip(scene.drawn_trees(), cut.trees, strict=True):
         spec, table, seen = tree.spec, tree.spec.table, reached.keeping(reached.seen)
-        whole = seen.nodes[seen.errors <= finest]  # in any instance and sample
+        whole = seen.nodes[seen.errors <= coarsest]  # in any instance and sample
         for of_proxies, nodes in ((False, seen.nodes), (True, whole)):
             counts = table.proxies if of_proxies else table.residents
             for node in np.unique(nodes[counts[nodes] > 0]).tolist():

@@ -57,7 +57,6 @@ class PictureNodes:
         self, sampler: TimeSampler, plan: Sequence[Sample], settings: RenderSettings
     ) -> None:
         self._settings = settings
-        self._fades = fades(settings)
         scene, screens, self._seen = gathered(sampler, plan, sampling.reach(settings))
         budget = settings.splat_budget
         self._parts: list[tuple[Parts, Parts]] = []
@@ -66,7 +65,7 @@ class PictureNodes:
         """Number of parts of nodes that coarser ones replace until they are read."""
         self._cut, self._fields = self._loaded(scene, screens, _tree_budget(scene, settings))
         self._field_budget = max(1, budget - self._cut.splats) if budget else 0
-        self._most = self._last_error(self._cut)
+        self._most = self._cut.error_at(1.0)
         tables = [each.spec.table for each in self._seen.values()]
         self.shows_inner = self._cut.shows_inner(tables, self._most)
         """Whether an inner node can be seen in any sample."""
@@ -78,12 +77,15 @@ class PictureNodes:
         """The cuts of all samples."""
         return self._cut
 
-    def layout(self, scene: RenderScene, fade: float) -> DrawList:
+    def layout(self, scene: RenderScene, fade: tuple[float, float]) -> DrawList:
         """Return the splats of one sample, laid out for kernels.
 
         Splats of captures come first, in the order that breaks ties: fields, and trees by node, in
         the order of their paths. Coarse levels follow. All samples have the same layout, so that
-        work is shared between them; in each, the appearances that it does not draw are hidden.
+        work is shared between them; in each, appearances are faded or hidden.
+
+        Args:
+            fade: See `Sample.fade`.
         """
         found = self._appearances(scene)
         others, budget, last = scene.other_prims(), self._field_budget, scene.laid
@@ -93,8 +95,8 @@ class PictureNodes:
             )
             layout = replace(layout, total=scene.draw_list().total)
             last = scene.laid = Laid(found, others, budget, layout)
-        error = self._cut.error_at(fade)
-        return last.layout.hiding(~((found.least <= error) & (error < found.most)))
+        reached, replaced = (self._cut.refined(each, fade) for each in (found.above, found.errors))
+        return last.layout.fading(reached * (1 - replaced))
 
     def drawn(self, scene: RenderScene) -> list[Drawn]:
         """Return each appearance of splats, in the order of the layout."""
@@ -178,7 +180,7 @@ class PictureNodes:
     def _wanted(self, cut: Cut) -> Wanted:
         """Return the parts of nodes that any sample draws, those that replace the largest errors
         first, with their keys in the cache and how to read them."""
-        most = self._last_error(cut)
+        most = cut.error_at(1.0)
         self._parts = [
             _parts(seen.spec.table, reached.keeping(reached.seen), most)
             for seen, reached in zip(self._seen.values(), cut.trees, strict=True)
@@ -260,10 +262,6 @@ class PictureNodes:
                 ahead[name] = key, request
         return coarser, drawn, ahead
 
-    def _last_error(self, cut: Cut) -> float:
-        """Return the largest error [pixel] of an inner node that any sample draws."""
-        return cut.error_at(1.0 if self._fades else 0.0)
-
     def _give_up(self, failed: dict[Name, UsdSplatError]) -> bool:
         """Close the nodes above those that cannot be read. Return whether another cut is needed.
 
@@ -312,11 +310,6 @@ def view_cut(scene: RenderScene, view: View, settings: RenderSettings) -> Cut:
     views = [each.view() for each in seen.values()]
     budget = _tree_budget(scene, settings)
     return choose(views, screens, error=settings.lod_error, budget=budget)
-
-
-def fades(settings: RenderSettings) -> bool:
-    """Return whether the samples of a picture have different cuts, which fade into each other."""
-    return settings.lod_samples > 1 or settings.samples > 1
 
 
 def samples_of(

@@ -84,7 +84,7 @@ class FrameNodes:
         )
 
 
-NO_PARTS = np.zeros((1, 3), np.int32)
+NO_PARTS = np.zeros((1, 4), np.int32)
 """`FrameView.parts` of a picture without nodes."""
 
 
@@ -104,8 +104,8 @@ class FrameView:
     grid: npt.NDArray[Any]
     """The GRID record of the data window."""
     parts: npt.NDArray[np.int32] = field(default_factory=lambda: NO_PARTS)
-    """Parts of the nodes of all `FrameNodes`, one after another, shape (k, 3): first splat in
-    memory, number of splats, instance within the `FrameNodes`."""
+    """Parts of the nodes of all `FrameNodes`, one after another, shape (k, 4): first splat in
+    memory, number of splats, instance within the `FrameNodes`, weight in 1 / `fading.WHOLE`."""
 
     @property
     def arrays(self) -> tuple[npt.NDArray[Any], ...]:

@@ -31,6 +31,7 @@ from usdsplat.kernels.cuda.frame.load import (
 from usdsplat.kernels.cuda.jit import kernel
 from usdsplat.kernels.cuda.vectors import store4
 from usdsplat.kernels.cuda.warp import FULL, below, votes
+from usdsplat.kernels.fading import WHOLE
 from usdsplat.kernels.project import (
     BLOCK,
     DEPTH,
@@ -86,6 +87,12 @@ def place_of_field(item, parts):
 
 
 @cuda.jit(device=True, inline="always")
+def weight_in_field(item, parts):
+    """Return the weight of a part of a field: fields are not faded."""
+    return float32(1)
+
+
+@cuda.jit(device=True, inline="always")
 def name_in_field(splats, item, k, i, instance, owner):
     """Return a number of splat k of a part, i in memory, that ascends in drawing order: by
     instance, and row in the field."""
@@ -105,6 +112,12 @@ def place_of_nodes(item, parts):
 
 
 @cuda.jit(device=True, inline="always")
+def weight_in_nodes(item, parts):
+    """Return the weight that fades a part of a node."""
+    return float32(parts[item, 3]) * float32(1 / WHOLE)
+
+
+@cuda.jit(device=True, inline="always")
 def name_in_nodes(splats, item, k, i, instance, owner):
     """Return a number of splat k of a part that ascends in drawing order, which is that of the
     table."""
@@ -118,11 +131,12 @@ class Source(NamedTuple):
     """Of the names of kernels."""
     count_of: Any
     place_of: Any
+    weight_of: Any
     name_in: Any
 
 
-FIELD = Source("", count_of_field, place_of_field, name_in_field)
-NODES = Source(",nodes", count_of_nodes, place_of_nodes, name_in_nodes)
+FIELD = Source("", count_of_field, place_of_field, weight_in_field, name_in_field)
+NODES = Source(",nodes", count_of_nodes, place_of_nodes, weight_in_nodes, name_in_nodes)
 
 
 def make_see(load: Any, source: Source) -> Any:
@@ -133,14 +147,14 @@ def make_see(load: Any, source: Source) -> Any:
     cameras: a CAMERA for each group. matrices: those of all instances, (m, 3, 4) f64.
     group, instance, first, first_block: number of the group, of its first instance, of its first
     part and of its first block.
-    parts: parts of an instance; or the table of the parts of nodes, (parts, 3) i32: first splat in
-    memory, number of splats, instance. n: splats of an instance; unused for nodes. closed: written
-    by `cull`; unused for nodes.
+    parts: parts of an instance; or the table of the parts of nodes, (parts, 4) i32: first splat in
+    memory, number of splats, instance, weight in 1 / WHOLE. n: splats of an instance; unused for
+    nodes. closed: written by `cull`; unused for nodes.
     splats: arrays of the splats. marks: receives marks, WORDS for each part, u32. found: receives
     the number of visible splats, (parts,) i32. totals, span: are reset.
     """
 
-    count_of, place_of = source.count_of, source.place_of
+    count_of, place_of, weight_of = source.count_of, source.place_of, source.weight_of
 
     @kernel(name=f"cuda.frame.project.see({load.__name__}{source.suffix})", exact=True)
     def see(
@@ -164,7 +178,8 @@ def make_see(load: Any, source: Source) -> Any:
         seen = int32(0)
         if t < count:
             opacity = load(splats, i, q, s)
-            if project_one(cam, m, splats[0][i], q, s, opacity, record):
+            weight = weight_of(item, parts)
+            if project_one(cam, m, splats[0][i], q, s, opacity, weight, record):
                 seen = int32(1)
         word = votes(seen)
         if t % 32 == 0:
@@ -190,7 +205,7 @@ def make_place(load: Any, shade: Any, source: Source) -> Any:
     span: (2,) f32, widened to contain all keys. totals: receives the number of records in [0].
     """
 
-    place_of, name_in = source.place_of, source.name_in
+    place_of, weight_of, name_in = source.place_of, source.weight_of, source.name_in
 
     @kernel(name=f"cuda.frame.project.place({shade.__name__}{source.suffix})", exact=True)
     def place(
@@ -229,7 +244,7 @@ def make_place(load: Any, shade: Any, source: Source) -> Any:
         if t < count and at < room:
             i = rows[at]
             opacity = load(splats, i, q, s)
-            project_one(cam, m, splats[0][i], q, s, opacity, record)
+            project_one(cam, m, splats[0][i], q, s, opacity, weight_of(item, parts), record)
             shade(splats, i, sight, degree, color)
             r, g, b = color[0], color[1], color[2]
             if numbers[13] > float32(0):
