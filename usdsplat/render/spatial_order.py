@@ -15,18 +15,14 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from usdsplat.core.cloud import F32, F64, I32, SplatCloud
-from usdsplat.kernels import blocks, curve, sort
+from usdsplat.core.cloud import F32, I32, SplatCloud
+from usdsplat.kernels import blocks, sort
 from usdsplat.kernels.device import Device
+from usdsplat.kernels.points.curve_order import curve_order
 from usdsplat.kernels.project import BLOCK
 
 LEAST = 16 * BLOCK
 """Number of splats of the smallest field that is reordered."""
-
-STRAY = 0.004
-"""Fraction of the splats, at either end of each axis, that share the cells at the edge."""
-FEW = 100_000
-"""About how many splats are sampled to find the bounds of most of them."""
 
 PER_SPLAT = 4 * (3 + 4 + 3 + 1 + 1)
 """Bytes per splat in spatial order."""
@@ -62,7 +58,7 @@ def as_it_is(cloud: SplatCloud) -> OrderedSplats:
 
 def laid_out(device: Device, cloud: SplatCloud) -> OrderedSplats:
     """Return the cloud in Z-order, with bounds of its blocks. The cloud is not empty."""
-    rows = _order(device, cloud.positions)
+    rows = curve_order(device, cloud.positions)
     positions, rotations, scales = (
         _taken(device, rows, array) for array in (cloud.positions, cloud.rotations, cloud.scales)
     )
@@ -116,32 +112,6 @@ class StorageOrder(SpatialOrder):
 
 
 # --- private -------------------------------------------------------------------------------
-
-
-def _order(device: Device, positions: F32) -> I32:
-    """Return the rows in Z-order. Rows in one cell keep their order."""
-    n = len(positions)
-    low, scale = _cells(positions)
-    codes = np.empty(n, np.uint32)
-    device.run(curve.codes, device.upload(positions), low, scale, codes)
-    chunks = 4 * device.threads
-    work = np.empty((2, n), np.uint32), np.empty((2, n), np.int32)
-    half = device.run(
-        sort.depth_order, np.arange(n, dtype=np.int32), n, codes.view(np.float32), chunks, work,
-        np.empty((chunks, sort.DIGITS), np.int64),
-    )  # fmt: skip
-    return np.array(work[1][half])
-
-
-def _cells(positions: F32) -> tuple[F64, F64]:
-    """Return the lowest corner of the cells, and the number of cells per scene unit along each
-    axis."""
-    few = positions[:: max(1, len(positions) // FEW)]
-    few = few[np.isfinite(few).all(axis=1)]
-    if len(few) == 0:
-        return np.zeros(3), np.zeros(3)
-    low, high = np.quantile(few.astype(np.float64), (STRAY, 1 - STRAY), axis=0)
-    return low, curve.CELLS / np.maximum(high - low, np.finfo(np.float32).tiny)
 
 
 def _taken(device: Device, rows: I32, array: F32) -> npt.NDArray[np.float32]:

@@ -1,0 +1,1 @@
+"""Loops that compute the normals of splats, see `kernels.points.surface_normals`."""
