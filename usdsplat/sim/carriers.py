@@ -45,9 +45,9 @@ DENSITY = 4.0
 MOST_POINTS = 256
 """Largest number of points on one ellipse."""
 
-SWEEPS = 20
-"""Number of relaxation sweeps. They are made twice: before and after dropping points that are too
-close on the surface."""
+SWEEPS = 12, 8
+"""Number of relaxation sweeps before and after dropping points that are too close on the
+surface."""
 
 CLOSEST = 0.8
 """Least distance after dropping, as a fraction of the least distance of the first sample."""
@@ -125,10 +125,10 @@ class Carriers:
         rows = np.flatnonzero(_is_surface(cloud))
         ellipses = _Ellipses.of(cloud, rows)
         sample, closest = _sample(device, ellipses, distance, seed, most)
-        even = _relax(device, sample, closest, seed, target)
+        even = _relax(device, sample, closest, seed, target, SWEEPS[0])
         priority = np.arange(len(even), dtype=np.float32)
         even = even[_poisson_disk(device, even, priority, CLOSEST * closest)]
-        even = _relax(device, even, closest, seed, target)
+        even = _relax(device, even, closest, seed, target, SWEEPS[1])
         neighbors = Neighbors(device, NeighborsParameters(target=target, skin=0.0), seed=seed)
         graph = neighbors.update(even, fitted(neighbors, even, 2))
         even = even[np.diff(graph.rows)[graph.rank] >= FEWEST]
@@ -259,7 +259,9 @@ def _poisson_disk(device: Device, points: F32, priority: F32, distance: float) -
     return np.flatnonzero(kept)
 
 
-def _relax(device: Device, points: F32, closest: float, seed: int, target: float) -> F32:
+def _relax(
+    device: Device, points: F32, closest: float, seed: int, target: float, sweeps: int
+) -> F32:
     """Move points along their surface until they are evenly spaced.
 
     All have the same radius: radii that follow density would preserve clusters and gaps.
@@ -269,4 +271,4 @@ def _relax(device: Device, points: F32, closest: float, seed: int, target: float
         sim=SimParameters(seed=seed),
         neighbors=NeighborsParameters(target=target, h_min=radius, h_max=radius),
     )
-    return relax(device, points, None, parameters, SWEEPS)[0]
+    return relax(device, points, None, parameters, sweeps)[0]
