@@ -23,7 +23,10 @@ from usdsplat.sim.neighbors import Graph, Neighbors
 from usdsplat.sim.normals import FLAT, grown, oriented
 from usdsplat.sim.parameters import NeighborsParameters, Parameters, SimParameters
 from usdsplat.sim.relaxing import relax, spacing
+from usdsplat.sim.specs import Moment, Recipe
+from usdsplat.sim.state import State
 from usdsplat.sim.support import fitted
+from usdsplat.sim.uses import Uses
 
 MOST = 250_000
 """Largest number of carriers."""
@@ -64,6 +67,8 @@ NEAREST = 8
 WIDEN = 1.2
 """Radius of the weights of these carriers, as a multiple of the distance to the farthest."""
 
+NEAR, WEIGHTS = "carriers:near", "carriers:weights"
+"""In `State.memory`: carriers that a splat follows and reads, and their weights, (n, 8)."""
 REACH = 3.0
 """Distance to the nearest carrier above which a splat reads none, in spacings."""
 
@@ -76,6 +81,15 @@ class Binding:
     """Carriers, nearest first, -1 for none, shape (n, 8)."""
     weights: F32
     """Weights; rows sum to 1, or to 0 far from all carriers, shape (n, 8)."""
+
+    @classmethod
+    def kept(cls, state: State) -> Binding:
+        """Return what `keep` stored, with a row for each splat that the state has now."""
+        return cls(near=state.memory[NEAR], weights=state.memory[WEIGHTS])
+
+    def keep(self, state: State) -> None:
+        """Store the binding in a state, where it follows births and deaths."""
+        state.memory[NEAR], state.memory[WEIGHTS] = self.near, self.weights
 
     def read(self, device: Device, uv: F32) -> F32:
         """Interpolate u and v of the carriers, shape (c, 2), at the splats, shape (n, 2); (1, 0)
@@ -159,6 +173,30 @@ class Carriers:
             np.float32(WIDEN), weights,
         )  # fmt: skip
         return Binding(near=near, weights=weights)
+
+
+def carriers_of(device: Device, recipe: Recipe, uses: Uses, first: Moment) -> Carriers | None:
+    """Return the carriers of a field, one set for pattern and matter; None if nothing needs them.
+
+    Args:
+        device: Runs the kernels.
+        recipe: The field.
+        uses: What its simulation needs.
+        first: Values of the stage at the first frame.
+    """
+    p = first.parameters
+    has_pattern = uses.reacts and p.rd.domain == "carrier"
+    if not (has_pattern or uses.coheres):
+        return None
+    distance, most = p.carriers.spacing, MOST
+    if distance <= 0 and has_pattern:
+        distance = p.rd.pattern_scale
+    elif distance <= 0:
+        most = p.carriers.count
+    return Carriers.of(
+        device, recipe.rest, distance=distance, seed=p.sim.seed, target=p.neighbors.target,
+        most=most,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

@@ -26,11 +26,9 @@ from usdsplat.sim.state import State
 from usdsplat.sim.support import Neighborhood
 from usdsplat.sim.uses import Uses
 
-NORMALS, NEAR, WEIGHTS, CROWDING, REST_SUPPORT = (
-    f"pattern:{name}" for name in ("normals", "near", "weights", "crowding", "support")
-)
-"""In `State.memory`: normals at rest, (n, 3); carriers that a splat reads and their weights, (n,
-8); number of neighbours relative to the target, and initial radius of the neighbourhood, (n,)."""
+NORMALS, CROWDING, REST_SUPPORT = (f"pattern:{name}" for name in ("normals", "crowding", "support"))
+"""In `State.memory`: normals at rest, (n, 3); number of neighbours relative to the target, and
+initial radius of the neighbourhood, (n,)."""
 UV, SHAPE, RESOLVED, _LISTS = "pattern:uv", "pattern:shape", "pattern:resolved", "neighbors:"
 """In `State.globals`: u and v of the carriers; dimension and usual support; automatic parameters;
 neighbour lists."""
@@ -47,9 +45,17 @@ class Pattern:
         rest: The capture.
         uses: What the simulation needs.
         first: The values of the stage at the first frame.
+        carriers: Carriers of the field, if the reaction runs on them.
     """
 
-    def __init__(self, device: Device, rest: SplatCloud, uses: Uses, first: Moment) -> None:
+    def __init__(
+        self,
+        device: Device,
+        rest: SplatCloud,
+        uses: Uses,
+        first: Moment,
+        carriers: Carriers | None = None,
+    ) -> None:
         p = first.parameters
         self._device, self._uses, self._seed = device, uses, p.sim.seed
         self._needs_graph = uses.needs_neighbors or uses.needs_normals or p.rd.domain == "self"
@@ -62,10 +68,8 @@ class Pattern:
         self.usual_support = 0.0
         """Median radius of a neighbourhood at the beginning [unit]."""
         if uses.reacts and p.rd.domain == "carrier":
-            self._carriers = Carriers.of(
-                device, rest, distance=p.rd.pattern_scale, seed=p.sim.seed,
-                target=p.neighbors.target,
-            )  # fmt: skip
+            assert carriers is not None
+            self._carriers = carriers
             self._from = nearest(device, rest.positions, self._carriers.positions, 1)[0][:, 0]
             self._ids = np.arange(len(rest)) if rest.ids is None else rest.ids
 
@@ -86,8 +90,6 @@ class Pattern:
         if not self._uses.reacts:
             return
         if self._carriers is not None:
-            bound = self._carriers.bind(self._device, state.rest_positions)
-            state.memory[NEAR], state.memory[WEIGHTS] = bound.near, bound.weights
             uv = untouched(len(self._carriers))
             reaction = self._current_reaction(state, first)
             places, ids, selection = self._carriers.positions, None, state.weight[self._from]
@@ -259,8 +261,7 @@ class Pattern:
             state.uv = uv
             return
         state.globals[UV] = uv
-        bound = Binding(near=state.memory[NEAR], weights=state.memory[WEIGHTS])
-        state.uv = bound.read(self._device, uv)
+        state.uv = Binding.kept(state).read(self._device, uv)
 
     def _at_carriers(self, state: State, values: F32 | None) -> F32 | None:
         """Return values per splat at the points of the reaction."""

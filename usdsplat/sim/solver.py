@@ -19,11 +19,13 @@ from usdsplat.core.errors import StageError
 from usdsplat.core.findings import Finding
 from usdsplat.kernels.device import Device
 from usdsplat.sim import population
+from usdsplat.sim.carriers import carriers_of
 from usdsplat.sim.contact import Contacts
 from usdsplat.sim.dissolve import Dissolve
 from usdsplat.sim.flight import fly
 from usdsplat.sim.frame_state import Fades, FrameEvaluator, turned
 from usdsplat.sim.influence import Influence, Influences
+from usdsplat.sim.matter_field import MatterField
 from usdsplat.sim.pattern import Pattern
 from usdsplat.sim.settle import SPEEDS, settle_back
 from usdsplat.sim.specs import Moment, Recipe
@@ -75,10 +77,15 @@ class Solver:
         self.state = State.of(rest, recipe.selection) if state is None else state
         self._is_fixed = not (uses.grows or uses.has_births)
         self._target_pose = TargetPose(device, recipe, first)
-        self._pattern = Pattern(device, rest, uses, first)
+        carriers = carriers_of(device, recipe, uses, first)
+        self._pattern = Pattern(device, rest, uses, first, carriers)
+        self._matter: MatterField | None = None
+        if uses.coheres and carriers is not None:
+            self._matter = MatterField(device, recipe, carriers, first)
         self._contacts = Contacts(device)
         self._influences = Influences(device)
-        strain = Strain(device, is_fixed=self._is_fixed) if uses.collides else None
+        measures = uses.collides and not uses.coheres
+        strain = Strain(device, is_fixed=self._is_fixed) if measures else None
         self._evaluator = FrameEvaluator(device, strain)
         self.trapped = 0
         """Largest number of splats that one step could not move out of the affectors."""
@@ -87,11 +94,15 @@ class Solver:
         self._moment = first
         """Values of the stage at that step, or at the first frame."""
         if state is None:
+            if carriers is not None:
+                carriers.bind(device, self.state.rest_positions).keep(self.state)
             self._target_pose.begin(self.state, first, changes=uses.has_births)
             self._pattern.begin(self.state, first)
         else:
             self._target_pose.restore(state)
             self._pattern.restore(state)
+            if self._matter is not None:
+                self._matter.restore(state)
         if uses.dissolves:
             Dissolve.of(device, self.state, first.parameters.dissolve, seed=self._seed)
         self._targets = self.state.rest_positions
@@ -141,6 +152,8 @@ class Solver:
             uv = state.uv.copy()
             return Frame(time=self.time, cloud=captured, uv=uv, births=state.births.copy())
         wanted, gradient = self._target_pose.at(state, moment, self.seconds, gradient=True)
+        if self._matter is not None:
+            wanted, gradient = self._matter.carried(state, moment, wanted, gradient)
         frame = self._evaluator.frame(
             state,
             moment,
@@ -161,6 +174,8 @@ class Solver:
         """Return the state with everything needed to continue from it, bit for bit."""
         self._target_pose.remember(self.state)
         self._pattern.remember(self.state)
+        if self._matter is not None:
+            self._matter.remember(self.state)
         if self.has_begun:
             self.state.globals[SEEN] = np.array(self._last_on)
         return self.state
@@ -189,6 +204,8 @@ class Solver:
         self._moment, self._last_on = moment, state.step
         self._targets = self._target_pose.at(state, moment, self.seconds)[0]
         state.positions = self._targets.copy()
+        if self._matter is not None:
+            self._matter.begin(moment, self.seconds)
         if self._uses.deforms:
             state.memory[SPEEDS] = np.zeros_like(state.positions)
         self._influence = self._influences.at(moment.affectors, state.positions)
@@ -223,7 +240,11 @@ class Solver:
         assembles = self._uses.dissolves and after.parameters.dissolve.mode == "assemble"
         if dissolve is not None and not assembles and dissolve.is_due(state, now=now):
             dissolve.release(state, self._target_normals(after), now=now)
-        if assembles or not after.parameters.particles.enabled:
+        if self._matter is not None:
+            self._matter.advance(before, after, step)
+            if line.is_frame(state.step):
+                self._matter.place(state, after, wanted, line.substeps * dt)
+        elif assembles or not after.parameters.particles.enabled:
             settle_back(
                 self._device, state, self._targets, wanted, after.parameters.settle, dt,
                 max_speed=sim.max_speed,
@@ -239,7 +260,10 @@ class Solver:
         if self._uses.reacts or self._uses.needs_neighbors:
             started = self._update_population(after, step, influence, started, is_first=is_first)
         self._place(after, now)
-        self._contact(started, before, after)
+        if self._matter is None:
+            self._contact(started, before, after)
+        elif line.is_frame(state.step):  # splats must end outside; their carriers were pushed
+            self._contact(state.positions.copy(), after, after)
 
     def _update_population(
         self, moment: Moment, step: Step, influence: Influence, started: F32, *, is_first: bool

@@ -31,6 +31,8 @@ class Uses:
     """Whether scales change other than by deformation."""
     colors: bool = False
 
+    coheres: bool = False
+    """Whether splats follow matter."""
     needs_normals: bool = False
     """Whether normals are needed, with their outer side."""
 
@@ -38,7 +40,7 @@ class Uses:
     def writes(self) -> frozenset[str]:
         """Names of the cloud's arrays that may change."""
         found = {"positions"}
-        turns = self.deforms or self.collides
+        turns = self.deforms or self.collides or self.coheres
         if turns or self.has_births:
             found |= {"rotations", "scales", "sh"}
         if self.sizes or self.dissolves:
@@ -76,6 +78,7 @@ def uses_at(moment: Moment, has_skin: bool) -> Uses:
     return Uses(
         deforms=bool(moment.deformers) or has_skin or moment.target is not None,
         collides="collide" in roles,
+        coheres=p.matter.enabled,
         reacts=reacts,
         grows=reacts and p.growth.rate != 0,
         has_births=has_births,
