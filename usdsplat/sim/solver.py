@@ -76,8 +76,8 @@ class Solver:
         first = recipe.at(self._timeline.time(0))
         self.state = State.of(rest, recipe.selection) if state is None else state
         self._is_fixed = not (uses.grows or uses.has_births)
-        self._target_pose = TargetPose(device, recipe, first)
         carriers = carriers_of(device, recipe, uses, first)
+        self._target_pose = TargetPose(device, recipe, first, carriers)
         self._pattern = Pattern(device, rest, uses, first, carriers)
         self._matter: MatterField | None = None
         if uses.coheres and carriers is not None:
@@ -162,6 +162,7 @@ class Solver:
             normals=self._pattern.normals(state),
             crowding=self._pattern.crowding(state),
             fades=self._fades(moment),
+            max_stretch=self._target_pose.max_stretch(moment),
             seconds=self.seconds,
         )
         self._lap("shape")

@@ -5,6 +5,7 @@ The deformation gradient of these steps is computed too; it rotates and stretche
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -12,7 +13,9 @@ import numpy as np
 
 from usdsplat.core.cloud import F32, I32, I64
 from usdsplat.kernels.device import Device
+from usdsplat.sim.carriers import Carriers
 from usdsplat.sim.conform import Conform
+from usdsplat.sim.conform_transport import TransportConform
 from usdsplat.sim.deform import deform
 from usdsplat.sim.skin import Skin
 from usdsplat.sim.specs import Deformer, Moment, Recipe
@@ -29,27 +32,43 @@ class TargetPose:
         device: Runs the kernels.
         recipe: The field.
         first: Values of the stage at the first frame.
+        carriers: Carriers of the field; only a conform by transport needs them.
     """
 
-    def __init__(self, device: Device, recipe: Recipe, first: Moment) -> None:
+    def __init__(
+        self, device: Device, recipe: Recipe, first: Moment, carriers: Carriers | None = None
+    ) -> None:
         self._device = device
         self._skin: Skin | None = None
         rest, p = recipe.rest, first.parameters
         if recipe.binding is not None:
             self._skin = Skin(device, recipe.binding, rest.positions, p.skin)
-        self._conform: Conform | None = None
-        if first.target is not None:
-            ids = np.arange(len(rest)) if rest.ids is None else rest.ids
-            selected = recipe.selection
+        self._conform: Conform | TransportConform | None = None
+        if first.target is None:
+            return
+        ids = np.arange(len(rest)) if rest.ids is None else rest.ids
+        selected = recipe.selection
+        select = np.ones(len(rest), np.float32) if selected is None else selected
+        if carriers is not None and p.conform.mode == "transport":
+            self._conform = TransportConform(
+                device, rest, carriers, ids=ids, select=select, order=first.order, parameters=p
+            )
+        else:
             self._conform = Conform(
                 device,
                 rest.positions,
                 rest.rotations,
                 rest.scales,
                 ids=ids,
-                select=np.ones(len(rest), np.float32) if selected is None else selected,
+                select=select,
                 parameters=p,
             )
+
+    def max_stretch(self, moment: Moment) -> float:
+        """Return the largest stretch of splats. Transport limits the one of deformations by itself,
+        and scales splats to the target beyond it."""
+        is_scaled = isinstance(self._conform, TransportConform)
+        return math.inf if is_scaled else moment.parameters.appearance.max_stretch
 
     def begin(self, state: State, first: Moment, *, changes: bool) -> None:
         """Add to the state what children inherit from their parents.
@@ -141,7 +160,7 @@ class TargetPose:
                 }
             )
 
-    def _parts(self) -> Iterator[tuple[str, Skin | Conform]]:
+    def _parts(self) -> Iterator[tuple[str, Skin | Conform | TransportConform]]:
         if self._skin is not None:
             yield "skin", self._skin
         if self._conform is not None:

@@ -33,6 +33,8 @@ class Uses:
 
     coheres: bool = False
     """Whether splats follow matter."""
+    transports: bool = False
+    """Whether splats move onto a target by transport of the field's carriers."""
     needs_normals: bool = False
     """Whether normals are needed, with their outer side."""
 
@@ -79,6 +81,7 @@ def uses_at(moment: Moment, has_skin: bool) -> Uses:
         deforms=bool(moment.deformers) or has_skin or moment.target is not None,
         collides="collide" in roles,
         coheres=p.matter.enabled,
+        transports=moment.target is not None and p.conform.mode == "transport",
         reacts=reacts,
         grows=reacts and p.growth.rate != 0,
         has_births=has_births,

@@ -21,6 +21,7 @@ from usdsplat.core.findings import Finding
 from usdsplat.schema.stage_values import up_axis
 from usdsplat.sim.parameters import (
     NAMESPACE,
+    ConformParameters,
     DeformParameters,
     DriverParameters,
     Parameters,
@@ -119,6 +120,7 @@ class StageRecipe:
         members = collections.affectors(stage, simulation)
         self._affectors = [AffectorReader(prim, self._space, rigs) for prim in members]
         self._target = self._surface(TARGET)
+        self._order = self._read_order()
         self._relax_surface = self._surface(RELAX_SURFACE)
         self._frames = {
             name: related(simulation, f"{NAMESPACE}:deform:{name}:{FRAME}")
@@ -166,6 +168,7 @@ class StageRecipe:
                 up=up_in(to_world, up_axis(self._simulation.GetStage())),
                 affectors=tuple(each.at(code) for each in self._affectors),
                 target=self._target.at(code) if self._target else None,
+                order=self._order,
                 relax_surface=self._relax_surface.at(code) if self._relax_surface else None,
                 deformers=self._deformers(code),
                 drivers=tuple(self._driver(name, code) for name in self._drivers),
@@ -188,6 +191,17 @@ class StageRecipe:
     def _surface(self, name: str) -> SurfaceReader | None:
         prim = related(self._simulation, name)
         return SurfaceReader(prim, self._space, self._rigs) if prim else None
+
+    def _read_order(self) -> F32 | None:
+        """Return the primvar that says when splats start to conform."""
+        code, lead = Usd.TimeCode.Default(), f"{NAMESPACE}:conform"
+        name = read(self._simulation, ConformParameters, lead, code).order_primvar
+        if self._target is None or not name:
+            return None
+        found = fields.per_splat(self._field, name, len(self._rest), self._space.start)
+        if found is None:
+            raise fields.missing(self._simulation, f"{lead}:orderPrimvar", name, self._field)
+        return found
 
     def _bind(self) -> BindingReader | None:
         skeleton = related(self._simulation, SKELETON)
