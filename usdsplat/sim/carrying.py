@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any, Self
 
 import numpy as np
@@ -13,8 +13,8 @@ from usdsplat.kernels.device import Device
 from usdsplat.kernels.sim import landing as kernels
 from usdsplat.kernels.sim import transport_map as map_kernels
 from usdsplat.sim.following import Motion, follow
+from usdsplat.sim.grounds import Ground
 from usdsplat.sim.sheets import OPAQUE, Sheet
-from usdsplat.sim.target_mesh import TargetMesh
 from usdsplat.sim.transport_map import TransportMap
 
 BAND = (0.6, 1.6)
@@ -37,6 +37,9 @@ DENSE = 3.5
 """Optical depth that splats are enlarged to: 5% of the light passes."""
 MOST_GROWTH = 2.0
 """Largest factor of that enlargement."""
+_ARRAYS = (
+    "images", "image_normals", "maps", "proper", "growth", "curvature", "bows", "order",
+)  # fmt: skip
 _FAR = np.float32(1e30)
 
 
@@ -97,6 +100,8 @@ class Carrying:
     source: Sheet
     images: F32
     """[unit], shape (c, 3)."""
+    image_normals: F32
+    """Unit normals there, shape (c, 3)."""
     spacing: float
     """Spacing of the images [unit]."""
     maps: F32
@@ -114,14 +119,14 @@ class Carrying:
 
     @classmethod
     def along(
-        cls, device: Device, found: TransportMap, mesh: TargetMesh, rest: SplatCloud
+        cls, device: Device, found: TransportMap, ground: Ground, rest: SplatCloud
     ) -> Carrying:
         """Carry splats along a map.
 
         Args:
             device: Runs the kernels.
             found: The map.
-            mesh: Its target.
+            ground: Its target.
             rest: The capture at rest, whose sizes are chosen so that they cover the target.
         """
         c = len(found.source)
@@ -129,6 +134,7 @@ class Carrying:
             device=device,
             source=found.source,
             images=found.images,
+            image_normals=found.ups,
             spacing=found.spacing,
             maps=found.gradients(device, BAND, ACROSS, mirrors=True),
             proper=found.gradients(device, BAND, ACROSS, mirrors=False),
@@ -137,20 +143,13 @@ class Carrying:
             bows=_bows(device, found),
             order=_order(found),
         )
-        return cls(
-            **{
-                each.name: getattr(plain, each.name)
-                for each in fields(plain)
-                if each.name != "growth"
-            },
-            growth=plain._needed(mesh, rest),
-        )
+        return replace(plain, growth=plain._needed(ground, rest))
 
     @classmethod
     def of(cls, device: Device, arrays: dict[str, npt.NDArray[Any]]) -> Carrying:
         """Return the result of `arrays`."""
         source = Sheet.of(device, arrays["positions"], arrays["normals"])
-        names = ("images", "maps", "proper", "growth", "curvature", "bows", "order")
+        names = _ARRAYS
         return cls(
             device=device,
             source=source,
@@ -160,7 +159,7 @@ class Carrying:
 
     def arrays(self) -> dict[str, npt.NDArray[Any]]:
         """Return what `of` needs."""
-        names = ("images", "maps", "proper", "growth", "curvature", "bows", "order")
+        names = _ARRAYS
         return {
             "positions": self.source.positions,
             "normals": self.source.normals,
@@ -170,20 +169,25 @@ class Carrying:
 
     def ranks(self, positions: F32) -> F32:
         """Return the rank of splats by the length of their way, 0..1, shape (n,)."""
-        binding = self.source.bind(self.device, positions)
-        return (binding.weights * self.order[binding.near]).sum(axis=1).astype(np.float32)
+        return self.read(self.order[:, None], positions)[:, 0].copy()
 
-    def land(self, mesh: TargetMesh, positions: F32, rotations: F32, scales: F32) -> Carried:
+    def read(self, values: F32, positions: F32) -> F32:
+        """Interpolate values of the points, shape (c, k), at splats at rest, shape (n, k)."""
+        binding = self.source.bind(self.device, positions)
+        found = np.einsum("nk,nki->ni", binding.weights, values[binding.near])
+        return found.astype(np.float32)
+
+    def land(self, ground: Ground, positions: F32, rotations: F32, scales: F32) -> Carried:
         """Bind splats to a mesh.
 
         Args:
-            mesh: The target as it was when the map was made.
+            ground: The target as it was when the map was made.
             positions, rotations, scales: The splats at rest, shapes (n, 3), (n, 4), (n, 3).
         """
-        return self._landed(mesh, positions, rotations, scales)[0]
+        return self._landed(ground, positions, rotations, scales)[0]
 
     def _landed(
-        self, mesh: TargetMesh, positions: F32, rotations: F32, scales: F32
+        self, ground: Ground, positions: F32, rotations: F32, scales: F32
     ) -> tuple[Carried, F32, I32]:
         """Return the binding of splats, the products of their two largest standard deviations, and
         the point of the map that is nearest to each."""
@@ -212,7 +216,7 @@ class Carrying:
             spacing=TORN * self.spacing,
         )
         follow(self.device, binding, motion, feet)
-        hits = mesh.tree.closest(feet)
+        under = ground.under(feet)
         ratio = self.spacing / source.spacing
         bows = np.einsum("nk,nki->ni", binding.weights, self.bows[binding.near])
         growth, curvature = (
@@ -226,25 +230,27 @@ class Carrying:
         turns, stretches = np.empty((n, 4), np.float32), np.empty((n, 6), np.float32)
         lengths = np.empty((n, 2), np.float32)
         run(
-            kernels.land, gradient, normals, mesh.ups(hits), rotations, scales,
+            kernels.land, gradient, normals, under.ups, rotations, scales,
             (growth, limits.astype(np.float32)), how,
-            (hits.faces, mesh.frames), turns, stretches, lengths,
+            (under.faces, ground.frames), turns, stretches, lengths,
         )  # fmt: skip
+        depths = np.float32(SUNK) * curvature * lengths[:, 0] ** 2
+        places, heights, depths = ground.placed(under, heights * np.float32(ratio), depths)
         carried = Carried(
-            faces=hits.faces,
-            places=hits.weights,
-            heights=heights * np.float32(ratio),
-            depths=np.float32(SUNK) * curvature * lengths[:, 0] ** 2,
+            faces=under.faces,
+            places=places,
+            heights=heights,
+            depths=depths,
             turns=turns,
             stretches=stretches,
-            sizes=mesh.sizes[hits.faces],
+            sizes=ground.sizes[under.faces],
             bows=bows.astype(np.float32),
         )
         return carried, lengths.prod(axis=1), binding.near[:, 0]
 
-    def _needed(self, mesh: TargetMesh, rest: SplatCloud) -> F32:
+    def _needed(self, ground: Ground, rest: SplatCloud) -> F32:
         """Return the growth around each point that makes the splats there opaque, shape (c,)."""
-        _, areas, near = self._landed(mesh, rest.positions, rest.rotations, rest.scales)
+        _, areas, near = self._landed(ground, rest.positions, rest.rotations, rest.scales)
         opacities = np.clip(rest.opacities.astype(np.float64), 0, OPAQUE)
         depth = -np.log1p(-opacities) * 2 * np.pi * areas
         depth = np.bincount(near, depth, len(self.source)) / self.spacing**2

@@ -9,7 +9,7 @@ mesh's triangles.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -21,6 +21,7 @@ from usdsplat.kernels.sim import landing as kernels
 from usdsplat.sim.carriers import Carriers
 from usdsplat.sim.carrying import Carried, Carrying
 from usdsplat.sim.conform import Rows
+from usdsplat.sim.grounds import Ground, MeshGround
 from usdsplat.sim.parameters import ConformParameters, Parameters
 from usdsplat.sim.sheets import MeshGoal, outer_sheet
 from usdsplat.sim.specs import Surface
@@ -30,7 +31,6 @@ from usdsplat.sim.transport_map import match
 MOST = 20_000
 """Largest number of points that are transported."""
 
-_ROWS = ("select", "ranks")
 _MAP, _MESH = "map:", "mesh:"
 
 
@@ -92,20 +92,28 @@ class TransportConform:
         other = self.selected(np.concatenate([np.arange(len(self)), parents]))
         if self._carrying is not None and self._first is not None:
             mesh = TargetMesh(self._device, self._first)
-            children = self._carrying.land(mesh, positions, rotations, scales)
+            children = self._carrying.land(MeshGround(mesh), positions, rotations, scales)
             other._bound = other._bound.joined(children)
         return other
 
     def selected(self, rows: Rows) -> TransportConform:
         """Return a copy with these rows only, in this order."""
-        other = object.__new__(TransportConform)
-        for name in self.__dict__:
-            setattr(other, name, getattr(self, name))
-        other._select = self._select[rows]
-        if self._carrying is not None:
-            other._ranks = self._ranks[rows]
-            other._bound = self._bound.selected(rows)
+        other = self._copy()
+        other._select_rows(rows)
         return other
+
+    def _copy(self) -> Self:
+        """Return a copy that shares all arrays."""
+        other = object.__new__(type(self))
+        other.__dict__.update(self.__dict__)
+        return other
+
+    def _select_rows(self, rows: Rows) -> None:
+        """Keep these rows only."""
+        self._select = self._select[rows]
+        if self._carrying is not None:
+            self._ranks = self._ranks[rows]
+            self._bound = self._bound.selected(rows)
 
     def memory(self) -> dict[str, npt.NDArray[Any]]:
         """Return the binding of the splats and the map; only the selection before the first
@@ -125,8 +133,8 @@ class TransportConform:
             return
         self._ranks = memory["ranks"]
         self._bound = Carried.of(memory)
-        self._carrying = Carrying.of(self._device, _below(memory, _MAP))
-        self._first = Surface(**_below(memory, _MESH))
+        self._carrying = Carrying.of(self._device, below(memory, _MAP))
+        self._first = Surface(**below(memory, _MESH))
 
     # --- one step -----------------------------------------------------------------------
 
@@ -157,13 +165,8 @@ class TransportConform:
         mesh = self._update_target(target)
         if self._carrying is None:
             self._bind(mesh)
-        way = np.empty(len(positions), np.float32)
-        timing = (
-            float(parameters.weight), float(parameters.start),
-            float(parameters.duration), float(parameters.stagger),
-        )  # fmt: skip
+        way = self._progress(now, parameters)
         run, bound = self._device.run, self._bound
-        run(conform_kernels.advance, float(now), timing, self._ranks, self._select, way)
         run(
             kernels.travel, positions,
             np.zeros((0, 3, 3), np.float32) if gradient is None else gradient, way,
@@ -179,6 +182,18 @@ class TransportConform:
             ),
         )  # fmt: skip
 
+    def _progress(self, now: float, parameters: ConformParameters) -> F32:
+        """Return the progress of splats towards their places on the target, 0..1."""
+        way = np.empty(len(self), np.float32)
+        timing = (
+            float(parameters.weight), float(parameters.start),
+            float(parameters.duration), float(parameters.stagger),
+        )  # fmt: skip
+        self._device.run(
+            conform_kernels.advance, float(now), timing, self._ranks, self._select, way
+        )
+        return way
+
     def _update_target(self, surface: Surface) -> TargetMesh:
         """Update the target's positions, if it has moved."""
         if self._target is None:
@@ -189,27 +204,40 @@ class TransportConform:
 
     def _bind(self, mesh: TargetMesh) -> None:
         """Map the carriers onto the target, and bind all splats."""
-        device, whole = self._device, self._rest
-        # what stays where it is takes no part of the target
-        rest = replace(whole, opacities=whole.opacities * (self._select > 0))
+        device, rest = self._device, self._moving
         sheet = outer_sheet(device, self._carriers, rest)
         rows = sheet.thinned(device, MOST)
         if len(rows) < len(sheet):
             sheet = sheet.selected(device, rows)
         found = match(device, sheet, MeshGoal(device, mesh, len(sheet)))
-        carrying = Carrying.along(device, found, mesh, rest)
+        ground = MeshGround(mesh)
+        self._finish(Carrying.along(device, found, ground, rest), ground, mesh)
+
+    @property
+    def _moving(self) -> SplatCloud:
+        """The capture at rest. What stays where it is is transparent: it takes no part of the
+        target."""
+        return replace(self._rest, opacities=self._rest.opacities * (self._select > 0))
+
+    def _finish(self, carrying: Carrying, ground: Ground, mesh: TargetMesh) -> None:
+        """Bind all splats of the capture."""
+        rest = self._rest
         self._carrying, self._first = carrying, mesh.surface
-        self._bound = carrying.land(mesh, rest.positions, rest.rotations, rest.scales)
+        self._bound = carrying.land(ground, rest.positions, rest.rotations, rest.scales)
         if self._order is not None:
             self._ranks = np.clip(self._order, 0, 1).astype(np.float32)
         elif self._parameters.conform.order == "distance":
             self._ranks = carrying.ranks(rest.positions)
         else:
-            self._ranks = np.empty(len(self), np.float32)
-            seed = self._parameters.sim.seed
-            device.run(conform_kernels.draw_ranks, seed, self._ids, self._ranks)
+            self._ranks = self._drawn(self._ids)
+
+    def _drawn(self, ids: I64) -> F32:
+        """Return random ranks of splats."""
+        ranks = np.empty(len(ids), np.float32)
+        self._device.run(conform_kernels.draw_ranks, self._parameters.sim.seed, ids, ranks)
+        return ranks
 
 
-def _below(memory: dict[str, npt.NDArray[Any]], lead: str) -> dict[str, npt.NDArray[Any]]:
+def below(memory: dict[str, npt.NDArray[Any]], lead: str) -> dict[str, npt.NDArray[Any]]:
     """Return the arrays whose names start with `lead`, by the rest of their names."""
     return {key.removeprefix(lead): each for key, each in memory.items() if key.startswith(lead)}

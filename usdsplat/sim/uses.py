@@ -35,6 +35,8 @@ class Uses:
     """Whether splats follow matter."""
     transports: bool = False
     """Whether splats move onto a target by transport of the field's carriers."""
+    joins: bool = False
+    """Whether the splats of another capture join."""
     needs_normals: bool = False
     """Whether normals are needed, with their outer side."""
 
@@ -45,6 +47,8 @@ class Uses:
         turns = self.deforms or self.collides or self.coheres
         if turns or self.has_births:
             found |= {"rotations", "scales", "sh"}
+        if self.joins:
+            found.add("opacities")
         if self.sizes or self.dissolves:
             found.add("scales")
         if self.fades or self.has_births or self.dissolves:
@@ -77,11 +81,13 @@ def uses_at(moment: Moment, has_skin: bool) -> Uses:
     sources = {each.parameters.source for each in moment.drivers}
     reacts = p.rd.enabled
     has_births = reacts and p.growth.birth_rate > 0
+    has_target = moment.target is not None or moment.becomes is not None
     return Uses(
-        deforms=bool(moment.deformers) or has_skin or moment.target is not None,
+        deforms=bool(moment.deformers) or has_skin or has_target,
         collides="collide" in roles,
         coheres=p.matter.enabled,
-        transports=moment.target is not None and p.conform.mode == "transport",
+        transports=has_target and p.conform.mode == "transport",
+        joins=moment.becomes is not None,
         reacts=reacts,
         grows=reacts and p.growth.rate != 0,
         has_births=has_births,

@@ -32,6 +32,7 @@ from usdsplat.sim.specs import Deformer, Driver, Moment, SkinBinding
 from usdsplat.sim.stage import collections, fields
 from usdsplat.sim.stage.affectors import AffectorReader
 from usdsplat.sim.stage.binding import SKELETON, BindingReader
+from usdsplat.sim.stage.captures import TARGET, target_capture, with_degree
 from usdsplat.sim.stage.collections import find_simulations
 from usdsplat.sim.stage.findings import findings
 from usdsplat.sim.stage.parameters import FRAME, instances, read, read_all
@@ -45,7 +46,6 @@ __all__ = ["UNGUARDED", "StageRecipe", "find_simulations", "recipes"]
 UNGUARDED: AbstractContextManager[Any] = nullcontext()
 """Lock for a stage that only one thread uses."""
 
-TARGET = f"{NAMESPACE}:conform:target"
 RELAX_SURFACE = f"{NAMESPACE}:relax:surface"
 
 
@@ -119,7 +119,10 @@ class StageRecipe:
         self._selection = fields.read_selection(field, len(self._rest), self._space.start)
         members = collections.affectors(stage, simulation)
         self._affectors = [AffectorReader(prim, self._space, rigs) for prim in members]
-        self._target = self._surface(TARGET)
+        self._becomes = target_capture(simulation, self._space)
+        self._target = None if self._becomes else self._surface(TARGET)
+        if self._becomes is not None:
+            self._rest = with_degree(self._rest, self._becomes)
         self._order = self._read_order()
         self._relax_surface = self._surface(RELAX_SURFACE)
         self._frames = {
@@ -168,6 +171,7 @@ class StageRecipe:
                 up=up_in(to_world, up_axis(self._simulation.GetStage())),
                 affectors=tuple(each.at(code) for each in self._affectors),
                 target=self._target.at(code) if self._target else None,
+                becomes=self._becomes,
                 order=self._order,
                 relax_surface=self._relax_surface.at(code) if self._relax_surface else None,
                 deformers=self._deformers(code),
@@ -196,7 +200,7 @@ class StageRecipe:
         """Return the primvar that says when splats start to conform."""
         code, lead = Usd.TimeCode.Default(), f"{NAMESPACE}:conform"
         name = read(self._simulation, ConformParameters, lead, code).order_primvar
-        if self._target is None or not name:
+        if not name or (self._target is None and self._becomes is None):
             return None
         found = fields.per_splat(self._field, name, len(self._rest), self._space.start)
         if found is None:
