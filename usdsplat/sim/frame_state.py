@@ -10,7 +10,6 @@ import numpy as np
 from usdsplat.core.cloud import F32, SplatCloud
 from usdsplat.kernels.device import Device
 from usdsplat.sim.drivers import drive
-from usdsplat.sim.parameters import AppearanceParameters
 from usdsplat.sim.specs import Driver, Moment
 from usdsplat.sim.state import Frame, State
 from usdsplat.sim.strain import Strain
@@ -48,7 +47,6 @@ class FrameEvaluator:
         normals: F32,
         crowding: F32,
         fades: Fades,
-        max_stretch: float,
         seconds: float,
     ) -> Frame:
         """Return the splats of a frame; nothing changes its arrays afterwards.
@@ -63,13 +61,11 @@ class FrameEvaluator:
             crowding: Number of neighbours relative to the target, shape (n,); empty if no driver
                 needs it.
             fades: Factors of opacities and sizes.
-            max_stretch: Largest stretch of splats.
             seconds: Time since the simulation's start [s].
         """
         if self._strain is not None:
             gradient = self._strain.add(state, wanted, gradient, normals)
-        appearance = replace(moment.parameters.appearance, max_stretch=max_stretch)
-        areas = None if gradient is None else self._deform(state, appearance, gradient)
+        areas = None if gradient is None else self._deform(state, moment, gradient)
         drawn = SplatCloud(
             positions=state.positions.copy(),
             rotations=state.rotations.copy(),
@@ -87,8 +83,9 @@ class FrameEvaluator:
         state.opacities = drawn.opacities.copy()
         return Frame(time=moment.time, cloud=drawn, uv=state.uv.copy(), births=state.births.copy())
 
-    def _deform(self, state: State, appearance: AppearanceParameters, gradient: F32) -> F32 | None:
+    def _deform(self, state: State, moment: Moment, gradient: F32) -> F32 | None:
         """Update rotations, scales and harmonics of the state, and return areas."""
+        appearance = moment.parameters.appearance
         areas = transport(
             self._device,
             gradient,

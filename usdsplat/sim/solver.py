@@ -156,13 +156,12 @@ class Solver:
             wanted, gradient = self._matter.carried(state, moment, wanted, gradient)
         frame = self._evaluator.frame(
             state,
-            moment,
+            self._target_pose.stretched(moment),
             wanted,
             gradient,
             normals=self._pattern.normals(state),
             crowding=self._pattern.crowding(state),
             fades=self._fades(moment),
-            max_stretch=self._target_pose.max_stretch(moment),
             seconds=self.seconds,
         )
         frame = self._target_pose.recolored(frame)

@@ -70,11 +70,14 @@ class TargetPose:
                 parameters=p,
             )
 
-    def max_stretch(self, moment: Moment) -> float:
-        """Return the largest stretch of splats. Transport limits the one of deformations by itself,
-        and scales splats to the target beyond it."""
-        is_scaled = isinstance(self._conform, TransportConform)
-        return math.inf if is_scaled else moment.parameters.appearance.max_stretch
+    def stretched(self, moment: Moment) -> Moment:
+        """Return a moment with the limit of stretches for the poses of its time. Transport limits
+        the stretch of deformations by itself, and scales splats to the target beyond it."""
+        if not isinstance(self._conform, TransportConform):
+            return moment
+        p = moment.parameters
+        appearance = replace(p.appearance, max_stretch=math.inf)
+        return replace(moment, parameters=replace(p, appearance=appearance))
 
     def begin(self, state: State, first: Moment, *, changes: bool) -> None:
         """Add to the state what children inherit from their parents.

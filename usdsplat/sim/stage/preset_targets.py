@@ -19,6 +19,8 @@ from usdsplat.sim.stage.targets import SHAPES, Triangles
 from usdsplat.sim.stage.trees import TreeCut, is_simulated
 
 GUIDE = UsdGeom.Tokens.guide
+LARGER = 1.5
+"""Size of meshes relative to the capture's: figures are more slender than most captures."""
 LEAST, MOST = 5, 95
 """Percentiles at the ends of the box of a capture."""
 
@@ -60,7 +62,10 @@ def author_target(
     box = _field_box(fields[0], code) if fields else _mesh_box(meshes, code)
     holder = UsdGeom.Xform.Define(stage, path)
     holder.CreatePurposeAttr(GUIDE)
-    _stand(holder, box, (low, high), up_axis(target), up_axis(stage), where)
+    _stand(
+        holder, box, (low, high), up_axis(target), up_axis(stage), where,
+        larger=1.0 if fields else LARGER,
+    )  # fmt: skip
     child = stage.DefinePrim(path.AppendChild("Content"))
     child.GetReferences().AddReference(str(file), root.GetPath())
     if not fields:
@@ -75,8 +80,10 @@ def _stand(
     up: str,
     stage_up: str,
     where: str,
+    *,
+    larger: float,
 ) -> None:
-    """Author the transform that puts a box onto the bottom of another one, at its size."""
+    """Author the transform that puts a box onto the bottom of another one, `larger` than it."""
     turn = np.eye(3)
     if up != stage_up:  # x stays, and the other two axes change places
         turn = np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]], float)
@@ -86,7 +93,7 @@ def _stand(
     size = float((high - low).max())
     if not (np.isfinite(size) and size > 0):
         raise StageError(where, "a target without a size", "a mesh or capture with a size")
-    scale = float((there[1] - there[0]).max()) / size
+    scale = larger * float((there[1] - there[0]).max()) / size
     foot, base = (low + high) / 2, (there[0] + there[1]) / 2
     axis = "XYZ".index(stage_up)
     foot[axis], base[axis] = low[axis], there[0][axis]
