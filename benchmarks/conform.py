@@ -3,9 +3,10 @@
     python -m benchmarks.conform [NAME ...] [--pictures FOLDER]
 
 For the last frame, in six views: intersection over union of the silhouettes (opacity above one half
-against the target's), mean opacity inside and outside of the target's silhouette. For the map of the
-carriers: variation of the distance to the six nearest images, and the part of the eight nearest
-neighbours at rest whose images are within three and within six spacings. With `--pictures`, a strip of five frames of each is written.
+against the target's), and mean opacity inside and outside of the target's silhouette. For the map
+of the carriers: variation of the distance to the six nearest images, and the part of the eight
+nearest neighbours at rest whose images are within three and within six spacings. With `--pictures`,
+a strip of five frames of each is written.
 """
 
 from __future__ import annotations

@@ -145,7 +145,8 @@ class Carriers:
         even = _relax(device, even, closest, seed, target, SWEEPS[1])
         neighbors = Neighbors(device, NeighborsParameters(target=target, skin=0.0), seed=seed)
         graph = neighbors.update(even, fitted(neighbors, even, 2))
-        even = even[np.diff(graph.rows)[graph.rank] >= FEWEST]
+        kept = np.diff(graph.rows) >= FEWEST
+        even = even[graph.order[kept]]  # in the order of cells, so that slots are rows
         graph = neighbors.update(even, fitted(neighbors, even, 2))
         normals, surfaceness = grown(device, graph, np.zeros_like(even))
         return cls(

@@ -15,7 +15,7 @@ MATERIALS: dict[str, dict[str, Any]] = {
     # does not stretch, folds freely, hangs
     "cloth": {
         "stiffness": 4.0, "back": 0.0, "damping": 1.5, "stretch": 1.04, "press": 0.3,
-        "gravity": 1.0, "iterations": 10,
+        "gravity": 1.0, "hang": True, "iterations": 10,
     },
     # hard to bend, jumps back
     "rubber": {
@@ -23,7 +23,7 @@ MATERIALS: dict[str, dict[str, Any]] = {
         "iterations": 5,
     },
     # soft, wobbles for a while
-    "jelly": {"stiffness": 30.0, "back": 0.0, "damping": 0.8, "stretch": 1.6, "press": 0.5},
+    "jelly": {"stiffness": 45.0, "back": 1.5, "damping": 0.5, "stretch": 1.6, "press": 0.5},
     # stays as it is pushed
     "clay": {
         "stiffness": 60.0, "back": 0.0, "damping": 12.0, "stretch": 1.6, "press": 0.4,

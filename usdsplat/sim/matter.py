@@ -8,6 +8,7 @@ has at rest.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -22,7 +23,8 @@ from usdsplat.sim.following import Motion, follow, motion_of
 from usdsplat.sim.gradients import LocalGradients
 from usdsplat.sim.materials import resolved
 from usdsplat.sim.neighbors import nearest
-from usdsplat.sim.parameters import MatterParameters
+from usdsplat.sim.parameters import AffectorParameters, MatterParameters
+from usdsplat.sim.pieces import Pieces
 from usdsplat.sim.specs import Affector, Moment, Solid
 from usdsplat.sim.state import ALIVE, PINNED, State
 from usdsplat.sim.timeline import Step
@@ -43,6 +45,10 @@ again, in largest radii of the affectors."""
 SLIPPING = np.uint32(1 << 8)
 """Bit of `State.flags` of carriers that slip."""
 NO_OFFSETS = np.zeros((0, 3), np.float32)
+LOWEST = 1.0
+"""Percentile of the heights of carriers at which the ground is: strays may be below it. The upper
+end is as far from the highest."""
+_PIECES = "pieces:"
 _ARRAYS = ("turns", "cut", "offsets", "speeds")
 
 
@@ -53,21 +59,28 @@ class Matter:
         device: Runs the kernels.
         carriers: Carriers of the field.
         selection: Selection weight of each carrier, shape (c,); carriers with 0 stay on their pose.
+        colors: Colour of each carrier, shape (c, 3).
         first: Values of the stage at the first frame.
     """
 
-    def __init__(self, device: Device, carriers: Carriers, selection: F32, first: Moment) -> None:
+    def __init__(
+        self, device: Device, carriers: Carriers, selection: F32, colors: F32, first: Moment
+    ) -> None:
         self._device, self._carriers = device, carriers
         self._contacts = Contacts(device)
         self.particles = State.of(_cloud(carriers), selection)
         """Carriers as particles; positions and velocities are theirs."""
         knobs = resolved(first.parameters.matter)
         held = selection <= 0
-        if knobs.roots >= 0:
-            heights = carriers.positions @ np.asarray(first.up, np.float32)
-            low, high = (float(each) for each in (heights.min(), heights.max()))
+        heights = carriers.positions @ np.asarray(first.up, np.float32)
+        low, high = (float(each) for each in np.percentile(heights, (LOWEST, 100 - LOWEST)))
+        if knobs.roots >= 0 and knobs.hang:
+            held |= heights >= high - knobs.roots * (high - low)
+        elif knobs.roots >= 0:
             held |= heights <= low + knobs.roots * (high - low)
         self.particles.flags[held] |= PINNED
+        self.ground = _ground(first, low, knobs.friction) if knobs.ground else None
+        """The ground as an affector; None without one."""
         self._rows, self._neighbours, self._twins = edges(device, carriers)
         near, _ = nearest(device, carriers.positions, carriers.positions, NEIGHBORS + 1)
         self._near = np.ascontiguousarray(near[:, 1:])
@@ -79,6 +92,13 @@ class Matter:
         self._offsets = np.zeros((count, 3), np.float32) if is_plastic else NO_OFFSETS
         self._speeds = np.zeros((c, 3), np.float32)
         self._gradients: LocalGradients | None = None
+        self.pieces: Pieces | None = None
+        """Rigid pieces; None for matter that does not break up."""
+        if knobs.grain > 0:
+            self.pieces = Pieces(
+                device, carriers, self._rows, self._neighbours, colors=colors, size=knobs.grain,
+                roots=held, seed=first.parameters.sim.seed,
+            )  # fmt: skip
 
     def move_to(self, poses: F32) -> None:
         """Put all carriers at their poses, at rest."""
@@ -95,31 +115,44 @@ class Matter:
         """
         state, knobs, run = self.particles, resolved(after.parameters.matter), self._device.run
         dt, f = np.float32(step.dt), np.float32
+        if self.ground is not None:
+            before, after = (
+                replace(each, affectors=(*each.affectors, self.ground)) for each in (before, after)
+            )
+        if self.pieces is not None:
+            self.pieces.update(state, self._touched(after), self._cut)
         started = state.positions.copy()
         run(
             kernels.predict, f(knobs.back), f(knobs.damping), dt, _gravity(after, knobs),
             self._poses, poses, self._speeds, state.flags, state.weight, state.positions,
             state.velocities,
         )  # fmt: skip
-        self._poses, predicted = poses, state.positions.copy()
+        self._poses = poses
         graph = self._rows, self._neighbours
         pull = -np.expm1(-knobs.stiffness * step.dt / knobs.iterations)
-        shifts: F32 = self._device.empty((len(poses), 6), np.float32)
+        if self.pieces is not None:
+            pull = 0.0
+        limits = f(knobs.press), f(knobs.stretch)
+        shifts: F32 = self._device.empty((len(poses), 8), np.float32)
         self._push(started, before, after, knobs, step.dt)
+        pushed = state.positions.copy()
         for _ in range(knobs.iterations):
             run(
-                kernels.match, poses, state.positions, *graph, self._cut, self._offsets,
+                kernels.match, *limits, poses, state.positions, *graph, self._cut, self._offsets,
                 self._turns, shifts,
             )  # fmt: skip
             out: F32 = self._device.empty(poses.shape, np.float32)
             run(
-                kernels.correct, f(pull), f(knobs.press), f(knobs.stretch), f(RELAXATION), poses,
+                kernels.correct, f(pull), *limits, f(RELAXATION), poses,
                 state.positions, state.flags, *graph, self._twins, self._cut, self._offsets,
                 self._turns, shifts, out,
             )  # fmt: skip
             state.positions = out
+            if self.pieces is not None:
+                self.pieces.part(state, poses)
+                self.pieces.place(state, poses)
         run(
-            kernels.finish, f(after.parameters.sim.max_speed), dt, state.flags, predicted,
+            kernels.finish, f(after.parameters.sim.max_speed), dt, state.flags, pushed,
             state.positions, state.velocities,
         )  # fmt: skip
         if np.isfinite(knobs.tear):
@@ -144,7 +177,6 @@ class Matter:
         behind the post. A carrier that slips passes the affector; its splats are still pushed out.
         """
         state = self.particles
-        velocities, state.velocities = state.velocities, state.velocities.copy()
         if knobs.back > 0:
             reach = SLIP * widest(after.affectors)
             away = np.linalg.norm(state.positions - self._poses, axis=1)
@@ -156,10 +188,30 @@ class Matter:
             state.flags[slipping] |= ALIVE
         else:
             self._contacts.step(state, started, before.affectors, after.affectors, dt)
-        state.velocities = velocities
+
+    def _touched(self, moment: Moment) -> npt.NDArray[np.bool_]:
+        """Return which carriers are inside an affector other than the ground, shape (c,)."""
+        state = self.particles
+        copy = replace(
+            state,
+            positions=state.positions.copy(),
+            velocities=state.velocities.copy(),
+            flags=np.full_like(state.flags, ALIVE),
+            memory={},
+        )
+        sides = tuple(each for each in moment.affectors if each is not self.ground)
+        self._contacts.step(copy, state.positions, sides, sides, np.inf)
+        return np.asarray((copy.positions != state.positions).any(axis=1))
 
     def motion(self, moment: Moment) -> Motion:
         """Return the motion of the carriers from their poses."""
+        if self.pieces is not None:
+            return Motion(
+                poses=self._poses,
+                displacements=self.particles.positions - self._poses,
+                maps=self.pieces.maps(),
+                spacing=self._carriers.spacing,
+            )
         knobs = resolved(moment.parameters.matter)
         if self._gradients is None or self._gradients.rest is not self._poses:
             normals = self._carriers.normals if self._is_at_rest else None
@@ -178,6 +230,8 @@ class Matter:
     def memory(self) -> dict[str, npt.NDArray[Any]]:
         """Return what `restore` needs."""
         own = {name: getattr(self, f"_{name}") for name in _ARRAYS}
+        if self.pieces is not None:
+            own |= {_PIECES + key: each for key, each in self.pieces.memory().items()}
         return own | dict(self.particles.per_splat()) | {"poses": self._poses}
 
     def restore(self, memory: dict[str, npt.NDArray[Any]]) -> None:
@@ -186,8 +240,19 @@ class Matter:
             setattr(self, f"_{name}", memory[name])
         self._poses = memory["poses"]
         names = {name for name, _ in self.particles.per_splat()}
-        kept = {name: each for name, each in memory.items() if name in names or ":" in name}
+        kept = {
+            name: each
+            for name, each in memory.items()
+            if name in names or name.startswith("memory:")
+        }
         self.particles.replace_rows(kept)
+        if self.pieces is not None:
+            of_pieces = {
+                name.removeprefix(_PIECES): each
+                for name, each in memory.items()
+                if name.startswith(_PIECES)
+            }
+            self.pieces.restore(of_pieces)
 
     def stretches(self) -> F32:
         """Return the length of each edge that has not torn, relative to that at rest."""
@@ -225,6 +290,21 @@ def edges(device: Device, carriers: Carriers) -> tuple[npt.NDArray[np.int64], I3
     np.cumsum(np.bincount(own, minlength=c), out=rows[1:])
     twins = np.searchsorted(keys, other * c + own)
     return rows, other.astype(np.int32), twins.astype(np.int32)
+
+
+def _ground(moment: Moment, height: float, friction: float) -> Affector:
+    """Return the ground at a height along the up direction."""
+    up = np.asarray(moment.up)
+    side = np.cross(up, np.eye(3)[int(np.argmin(np.abs(up)))])
+    side /= np.linalg.norm(side)
+    matrix = np.eye(4)
+    matrix[:3, :3] = np.column_stack([side, np.cross(up, side), up])
+    matrix[:3, 3] = height * up
+    return Affector(
+        path="",
+        parameters=AffectorParameters(friction=friction, blend=0.0, clearance=0.0),
+        solids=(Solid(kind="plane", matrix=matrix),),
+    )
 
 
 def widest(affectors: Sequence[Affector]) -> float:

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from usdsplat.core.cloud import F32, I32, SplatCloud
+from usdsplat.core.sh import dc_to_rgb
 from usdsplat.kernels.device import Device
 from usdsplat.sim.carriers import Binding, Carriers
 from usdsplat.sim.matter import Matter
@@ -16,6 +17,8 @@ from usdsplat.sim.state import FREE, State
 from usdsplat.sim.target_pose import TargetPose
 from usdsplat.sim.timeline import Step
 
+AROUND = 8
+"""Number of splats around a carrier of which its colour is the mean."""
 _MATTER = "matter:"
 """Start of the keys in `State.globals`."""
 
@@ -79,9 +82,28 @@ class MatterField:
         rows = nearest(device, recipe.rest.positions, carriers.positions, 1)[0][:, 0]
         self._recipe = CarrierRecipe(recipe, carriers, rows)
         self._pose = TargetPose(device, self._recipe, self._recipe.of(first))
-        self.matter = Matter(device, carriers, self._recipe.selection, first)
+        colors = carrier_colors(device, recipe.rest, carriers)
+        self.matter = Matter(device, carriers, self._recipe.selection, colors, first)
         """The carriers as particles."""
         self._pose.begin(self.matter.particles, self._recipe.of(first), changes=False)
+
+    def bound(self, binding: Binding) -> Binding:
+        """Return the carriers that splats follow: those of the same rigid piece, if there are
+        pieces."""
+        if self.matter.pieces is None:
+            return binding
+        piece = self.matter.pieces.piece[binding.near]
+        kept = np.where(piece == piece[:, :1], binding.weights, 0)
+        kept[kept.sum(axis=1) == 0, 0] = 1
+        total = kept.sum(axis=1, keepdims=True)
+        return replace(binding, weights=(kept / total).astype(np.float32))
+
+    def affectors(self, moment: Moment) -> Moment:
+        """Return values of the stage with the ground among the affectors."""
+        ground = self.matter.ground
+        if ground is None:
+            return moment
+        return replace(moment, affectors=(*moment.affectors, ground))
 
     def begin(self, moment: Moment, seconds: float) -> None:
         """Put the carriers at their poses."""
@@ -145,6 +167,15 @@ class MatterField:
     def _poses(self, moment: Moment, seconds: float) -> F32:
         """Return the target positions of the carriers [unit], shape (c, 3)."""
         return self._pose.at(self.matter.particles, self._recipe.of(moment), seconds)[0]
+
+
+def carrier_colors(device: Device, cloud: SplatCloud, carriers: Carriers) -> F32:
+    """Return the mean colour of the splats around each carrier, shape (c, 3)."""
+    near, _ = nearest(device, cloud.positions, carriers.positions, AROUND)
+    weights = np.where(near >= 0, cloud.opacities[near], 0)[..., None]
+    colors = dc_to_rgb(cloud.sh[:, 0])[near]
+    total = np.maximum(weights.sum(axis=1), np.float32(1e-6))
+    return np.asarray((weights * colors).sum(axis=1) / total, np.float32)
 
 
 def _bound(binding: SkinBinding | None, rows: I32) -> SkinBinding | None:

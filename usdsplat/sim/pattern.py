@@ -15,6 +15,7 @@ from usdsplat.kernels.device import Device
 from usdsplat.sim import support as supports
 from usdsplat.sim.carriers import Binding, Carriers
 from usdsplat.sim.closest import Triangles
+from usdsplat.sim.front import Front
 from usdsplat.sim.influence import Influence
 from usdsplat.sim.neighbors import Neighbors, nearest
 from usdsplat.sim.normals import axes, captured, grown, manifold_dimension
@@ -23,6 +24,7 @@ from usdsplat.sim.relaxing import Projection, relax
 from usdsplat.sim.seeds import nuclei, plant, untouched
 from usdsplat.sim.specs import Moment, Surface
 from usdsplat.sim.state import State
+from usdsplat.sim.styles import reaction_of
 from usdsplat.sim.support import Neighborhood
 from usdsplat.sim.uses import Uses
 
@@ -97,11 +99,14 @@ class Pattern:
             uv = untouched(len(state))
             reaction = self._current_reaction(state, first)
             places, ids, selection = state.rest_positions, state.ids, state.weight
-        weight = nuclei(
-            self._device, places, p.rd, reaction.scale, seed=self._seed, ids=ids,
-            selection=selection, graph=reaction.graph,
-        )  # fmt: skip
-        plant(self._device, uv, weight)
+        if self._carriers is not None and p.rd.front_speed > 0:
+            Front(self._device, self._carriers, p.rd, self._seed).begin(state, selection)
+        else:
+            weight = nuclei(
+                self._device, places, p.rd, reaction.scale, seed=self._seed, ids=ids,
+                selection=selection, graph=reaction.graph,
+            )  # fmt: skip
+            plant(self._device, uv, weight)
         self._store(state, uv)
         found[:2] = reaction.scale, reaction.subdivisions
 
@@ -176,16 +181,19 @@ class Pattern:
 
     # --- a frame --------------------------------------------------------------------------
 
-    def react(self, state: State, moment: Moment, influence: Influence) -> None:
-        """Take the reaction steps of a frame."""
+    def react(self, state: State, moment: Moment, influence: Influence, now: float) -> None:
+        """Take the reaction steps of a frame; `now` is the time since the start [s]."""
         reaction = self._current_reaction(state, moment)
-        reaction.adopt(moment.parameters.rd)
+        reaction.adopt(reaction_of(moment.parameters))
         if reaction.subdivisions > MOST_PARTS:
             found = f"{reaction.scale:g}, {reaction.scale / reaction.spacing:.0f} spacings"
             expected = "a few spacings: larger units need more and smaller steps"
             raise StageError("splatSim:rd:patternScale", found, expected)
         uv: F32 = state.globals[UV] if self._carriers is not None else state.uv
         seed, feed = (self._at_carriers(state, each) for each in (influence.seed, influence.feed))
+        rd = moment.parameters.rd
+        if self._carriers is not None and rd.front_speed > 0:
+            seed = Front(self._device, self._carriers, rd, self._seed).reached(state, seed, now)
         if seed is not None:
             uv = uv.copy()
             plant(self._device, uv, seed)
@@ -234,7 +242,7 @@ class Pattern:
     def _current_reaction(self, state: State, moment: Moment) -> Reaction:
         """Return the reaction on the points as they are now."""
         p = moment.parameters
-        rd = p.rd
+        rd = reaction_of(p)
         if self._carriers is not None:
             if self._reaction is None:
                 c = self._carriers

@@ -56,7 +56,7 @@ SINGLE = (
     SchemaClass(
         name="SplatSimGrowthAPI",
         doc="A pattern on the splats, and growth, births and deaths that depend on it.",
-        groups=("rd", "relax", "growth"),
+        groups=("rd", "relax", "growth", "accretion"),
         relationships=(
             ("relax:surface", "Mesh that splats stay on while they are redistributed evenly."),
         ),

@@ -18,7 +18,8 @@ from usdsplat.core.cloud import F32, I64
 from usdsplat.core.errors import StageError
 from usdsplat.core.findings import Finding
 from usdsplat.kernels.device import Device
-from usdsplat.sim import population
+from usdsplat.sim import population, styles
+from usdsplat.sim.accretion import Accretion
 from usdsplat.sim.carriers import carriers_of
 from usdsplat.sim.contact import Contacts
 from usdsplat.sim.dissolve import Dissolve
@@ -26,7 +27,8 @@ from usdsplat.sim.flight import fly
 from usdsplat.sim.frame_state import Fades, FrameEvaluator, turned
 from usdsplat.sim.influence import Influence, Influences
 from usdsplat.sim.matter_field import MatterField
-from usdsplat.sim.pattern import Pattern
+from usdsplat.sim.neighbors import nearest
+from usdsplat.sim.pattern import UV, Pattern
 from usdsplat.sim.settle import SPEEDS, settle_back
 from usdsplat.sim.specs import Moment, Recipe
 from usdsplat.sim.state import FREE, PINNED, Frame, State
@@ -79,6 +81,11 @@ class Solver:
         carriers = carriers_of(device, recipe, uses, first)
         self._target_pose = TargetPose(device, recipe, first, carriers)
         self._pattern = Pattern(device, rest, uses, first, carriers)
+        self._accretion: Accretion | None = None
+        if uses.accretes and carriers is not None:
+            origin = nearest(device, rest.positions, carriers.positions, 1)[0][:, 0]
+            own = np.arange(len(rest)) if rest.ids is None else rest.ids
+            self._accretion = Accretion(device, carriers, origin, own, first)
         self._matter: MatterField | None = None
         if uses.coheres and carriers is not None:
             self._matter = MatterField(device, recipe, carriers, first)
@@ -95,7 +102,12 @@ class Solver:
         """Values of the stage at that step, or at the first frame."""
         if state is None:
             if carriers is not None:
-                carriers.bind(device, self.state.rest_positions).keep(self.state)
+                bound = carriers.bind(device, self.state.rest_positions)
+                if self._matter is not None:
+                    bound = self._matter.bound(bound)
+                bound.keep(self.state)
+            if self._accretion is not None:
+                self._accretion.begin(self.state)
             self._target_pose.begin(self.state, first, changes=uses.has_births)
             self._pattern.begin(self.state, first)
         else:
@@ -266,7 +278,8 @@ class Solver:
         if self._matter is None:
             self._contact(started, before, after)
         elif line.is_frame(state.step):  # splats must end outside; their carriers were pushed
-            self._contact(state.positions.copy(), after, after)
+            solid = self._matter.affectors(after)
+            self._contact(state.positions.copy(), solid, solid)
 
     def _join(self, moment: Moment, now: float) -> None:
         """Let the splats of another capture join, when they begin to appear."""
@@ -288,7 +301,7 @@ class Solver:
         reacts = moment.parameters.rd.enabled
         if is_first:
             if reacts:
-                self._pattern.react(state, moment, influence)
+                self._pattern.react(state, moment, influence, step.now)
             self._lap("reaction")
             if self._uses.needs_neighbors:
                 self._pattern.update_density(state, moment)
@@ -304,9 +317,11 @@ class Solver:
             )  # fmt: skip
         rows: list[I64] = []
         if self._uses.has_births:
+            if is_first and reacts and self._accretion is not None:
+                rows += self._accrete(moment, step)
             is_fertile = reacts and growth.birth_rate > 0
             most = sim.max_count if is_fertile else 0
-            rows = self._change_population(moment, step, most, factor)
+            rows += self._change_population(moment, step, most, factor)
         for source in rows:
             off, started = off[source], started[source]
             self._influence = self._influence.selected(source)
@@ -316,12 +331,32 @@ class Solver:
         self._lap("growth")
         return started
 
+    def _accrete(self, moment: Moment, step: Step) -> list[I64]:
+        """Add new matter, and shape all of it; return the source row of each row, if rows were
+        added."""
+        state, accretion = self.state, self._accretion
+        assert accretion is not None
+        knobs = styles.resolved(moment.parameters.accretion)
+        uv: F32 = state.globals[UV]
+        carriers, rows = accretion.due(state, uv, knobs, moment.parameters.sim.max_count)
+        changes: list[I64] = []
+        if len(rows):
+            changes.append(np.concatenate([np.arange(len(state)), rows]))
+            population.append(state, rows, now=step.now)
+            accretion.bind(state, carriers, knobs)
+            self._target_pose.append_children(rows, state)
+        accretion.shape(state, uv, knobs, step.now)
+        self._lap("new matter")
+        return changes
+
     def _change_population(
         self, moment: Moment, step: Step, maximum: int, factor: F32 | None
     ) -> list[I64]:
         """Apply births, then deaths; return the source row of each row, for each change."""
         state, growth = self.state, moment.parameters.growth
         changes: list[I64] = []
+        if not self._uses.breeds:
+            return changes
         parents = population.births(
             self._device, state, growth, step, self._pattern.neighborhood(state, moment),
             maximum=maximum, rate_factor=factor,

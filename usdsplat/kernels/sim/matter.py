@@ -110,22 +110,24 @@ def predict(
 
 
 @kernel(over="positions", writes=("turns", "shifts"))
-def match(i, poses, positions, rows, neighbours, cut, offsets, turns, shifts):
+def match(i, shortest, longest, poses, positions, rows, neighbours, cut, offsets, turns, shifts):
     """Find the rotation and the shift that bring the shape of a neighbourhood to its positions.
 
     Args:
+        shortest, longest: See `correct`.
         poses, positions: [unit], shape (n, 3) f32.
         rows, neighbours: Neighbours of each carrier, (n + 1,) i64 and (edges,) i32.
         cut: 1 for edges that have torn, shape (edges,) u8.
         offsets: What plastic matter has added to the offset of each neighbour, shape (edges, 3)
             f32, or (0, 3).
         turns: Unit quaternions of the last pass, replaced, shape (n, 4) f32.
-        shifts: Receives the mean offset of the shape, and the mean displacement [unit], shape (n,
-            6) f32.
+        shifts: Receives the mean offset of the shape and the mean displacement [unit], 1 / the
+            number of members, and the number of edges beyond the limits, shape (n, 8) f32.
     """
     yx, yy, yz = poses[i, 0], poses[i, 1], poses[i, 2]
     dx, dy, dz = positions[i, 0] - yx, positions[i, 1] - yy, positions[i, 2] - yz
     rx, ry, rz, ex, ey, ez, count, moved = ZERO, ZERO, ZERO, ZERO, ZERO, ZERO, ONE, False
+    beyond = ZERO
     for e in range(rows[i], rows[i + 1]):
         if cut[e]:
             continue
@@ -138,13 +140,20 @@ def match(i, poses, positions, rows, neighbours, cut, offsets, turns, shifts):
         if len(offsets) > 0:
             ax, ay, az = ax + offsets[e, 0], ay + offsets[e, 1], az + offsets[e, 2]
             ux, uy, uz = ux - offsets[e, 0], uy - offsets[e, 1], uz - offsets[e, 2]
-        moved |= (ux != ZERO) | (uy != ZERO) | (uz != ZERO)
+        if (ux != ZERO) | (uy != ZERO) | (uz != ZERO):
+            moved = True
+            rest = ax * ax + ay * ay + az * az
+            bx, by, bz = ax + ux, ay + uy, az + uz
+            square = bx * bx + by * by + bz * bz
+            if square > longest * longest * rest or square < shortest * shortest * rest:
+                beyond += ONE
         rx, ry, rz = rx + ax, ry + ay, rz + az
         ex, ey, ez = ex + ux, ey + uy, ez + uz
     part = ONE / count
     rx, ry, rz, ex, ey, ez = rx * part, ry * part, rz * part, ex * part, ey * part, ez * part
     shifts[i, 0], shifts[i, 1], shifts[i, 2] = rx, ry, rz
     shifts[i, 3], shifts[i, 4], shifts[i, 5] = dx + ex, dy + ey, dz + ez
+    shifts[i, 6], shifts[i, 7] = part, beyond
     if not moved:
         turns[i, 0], turns[i, 1], turns[i, 2], turns[i, 3] = ONE, ZERO, ZERO, ZERO
         return
@@ -178,6 +187,9 @@ def correct(
 ):  # fmt: skip
     """Move a carrier to where the neighbourhoods around it want it, and shorten long edges.
 
+    Each neighbourhood moves its members by the same factor, and each edge its ends by the same, so
+    that the sum of all moves is zero: momentum is conserved where nothing is held.
+
     Args:
         pull: Part of the way to the mean of the wanted places, 0 to 1, f32.
         shortest, longest: Limits of the length of an edge, relative to that of the shape, f32.
@@ -200,8 +212,9 @@ def correct(
     gx = shifts[i, 3] - ((r[0] - ONE) * mx + r[1] * my + r[2] * mz) - dx
     gy = shifts[i, 4] - (r[3] * mx + (r[4] - ONE) * my + r[5] * mz) - dy
     gz = shifts[i, 5] - (r[6] * mx + r[7] * my + (r[8] - ONE) * mz) - dz
-    count = ONE
-    cx, cy, cz, beyond = ZERO, ZERO, ZERO, ZERO
+    part = shifts[i, 6]
+    gx, gy, gz = part * gx, part * gy, part * gz
+    cx, cy, cz = ZERO, ZERO, ZERO
     for e in range(rows[i], rows[i + 1]):
         if cut[e]:
             continue
@@ -215,24 +228,22 @@ def correct(
         if pull > ZERO:
             r = quat_matrix(turns[j, 0], turns[j, 1], turns[j, 2], turns[j, 3])
             mx, my, mz = ax - shifts[j, 0], ay - shifts[j, 1], az - shifts[j, 2]
-            gx += shifts[j, 3] + (r[0] - ONE) * mx + r[1] * my + r[2] * mz - dx + ox
-            gy += shifts[j, 4] + r[3] * mx + (r[4] - ONE) * my + r[5] * mz - dy + oy
-            gz += shifts[j, 5] + r[6] * mx + r[7] * my + (r[8] - ONE) * mz - dz + oz
-            count += ONE
+            part = shifts[j, 6]
+            gx += part * (shifts[j, 3] + (r[0] - ONE) * mx + r[1] * my + r[2] * mz - dx + ox)
+            gy += part * (shifts[j, 4] + r[3] * mx + (r[4] - ONE) * my + r[5] * mz - dy + oy)
+            gz += part * (shifts[j, 5] + r[6] * mx + r[7] * my + (r[8] - ONE) * mz - dz + oz)
         bx, by, bz = positions[j, 0] - px, positions[j, 1] - py, positions[j, 2] - pz
         length = math.sqrt(bx * bx + by * by + bz * bz)
         rest = math.sqrt(ax * ax + ay * ay + az * az)
         allowed = min(max(length, shortest * rest), longest * rest)
         if allowed != length and length > TINY:
             share = ONE if flags[j] & HELD else np.float32(0.5)
-            k = share * (length - allowed) / length
+            many = max(ONE, max(shifts[i, 7], shifts[j, 7]))
+            k = relaxation * share * (length - allowed) / (length * many)
             cx, cy, cz = cx + k * bx, cy + k * by, cz + k * bz
-            beyond += ONE
-    k = pull / count
-    if beyond > ZERO:
-        part = relaxation / beyond
-        cx, cy, cz = cx * part, cy * part, cz * part
-    out[i, 0], out[i, 1], out[i, 2] = px + k * gx + cx, py + k * gy + cy, pz + k * gz + cz
+    out[i, 0] = px + pull * gx + cx
+    out[i, 1] = py + pull * gy + cy
+    out[i, 2] = pz + pull * gz + cz
 
 
 @kernel(over="positions", writes=("velocities",))

@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 
 from usdsplat.core.errors import UsageError
 from usdsplat.core.knobs import Knob, checked, checked_value, knobs
+from usdsplat.sim.parameters.accretion import AccretionParameters
 from usdsplat.sim.parameters.affector import AffectorParameters
 from usdsplat.sim.parameters.matter import CarriersParameters, MatterParameters
 from usdsplat.sim.parameters.result import AppearanceParameters, BakeParameters, DriverParameters
@@ -36,6 +37,7 @@ __all__ = [
     "GROUPS",
     "INSTANCED",
     "NAMESPACE",
+    "AccretionParameters",
     "AffectorParameters",
     "AppearanceParameters",
     "BakeParameters",
@@ -73,6 +75,7 @@ class Parameters:
     rd: RdParameters = field(default_factory=RdParameters)
     relax: RelaxParameters = field(default_factory=RelaxParameters)
     growth: GrowthParameters = field(default_factory=GrowthParameters)
+    accretion: AccretionParameters = field(default_factory=AccretionParameters)
     settle: SettleParameters = field(default_factory=SettleParameters)
     matter: MatterParameters = field(default_factory=MatterParameters)
     conform: ConformParameters = field(default_factory=ConformParameters)
@@ -90,6 +93,7 @@ GROUPS: dict[str, type] = {
     "rd": RdParameters,
     "relax": RelaxParameters,
     "growth": GrowthParameters,
+    "accretion": AccretionParameters,
     "settle": SettleParameters,
     "matter": MatterParameters,
     "conform": ConformParameters,

@@ -79,6 +79,9 @@ class MatterParameters:
         range=(-1.0, 1.0),
         uniform=True,
     )
+    hang: bool = knob(
+        False, "whether roots are at the upper end, so that matter hangs", uniform=True
+    )
     ground: bool = knob(False, "whether matter stays above the lowest captured point", uniform=True)
     friction: float = knob(0.5, "friction of the ground: 0 slides, 1 sticks", range=(0.0, 1.0))
     grain: float = knob(
