@@ -261,7 +261,8 @@ def _literal(value: Any) -> str:
     if isinstance(value, str):
         return f'"{value}"'
     inner = ", ".join(_literal(part) for part in value)
-    return f"({inner})" if value else "[]"
+    is_array = not value or isinstance(value[0], tuple)
+    return f"[{inner}]" if is_array else f"({inner})"
 
 
 if __name__ == "__main__":
