@@ -233,7 +233,8 @@ def _attribute(lead: str, item: Knob) -> str:
     """Return the declaration of one knob."""
     uniform = "uniform " if item.uniform else ""
     name = f"{lead}{camel(item.name)}"
-    lines = [f"    {uniform}{usd_type(item)} {name} = {_literal(item.default)} (\n"]
+    line = f"    {uniform}{usd_type(item)} {name} = {_literal(item.default)} (\n"
+    lines = [line if len(line) <= 100 else line.replace(" = [", " = [\n        ")]
     if item.choices is not None:
         tokens = ", ".join(f'"{choice}"' for choice in item.choices)
         lines += [f"        {line}\n" for line in _folded(f"allowedTokens = [{tokens}]")]
