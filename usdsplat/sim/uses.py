@@ -37,6 +37,10 @@ class Uses:
 
     coheres: bool = False
     """Whether splats follow matter."""
+    transports: bool = False
+    """Whether splats move onto a target by transport of the field's carriers."""
+    joins: bool = False
+    """Whether the splats of another capture join."""
     needs_normals: bool = False
     """Whether normals are needed, with their outer side."""
 
@@ -47,6 +51,8 @@ class Uses:
         turns = self.deforms or self.collides or self.coheres
         if turns or self.has_births:
             found |= {"rotations", "scales", "sh"}
+        if self.joins:
+            found.add("opacities")
         if self.sizes or self.dissolves or self.accretes:
             found.add("scales")
         if self.fades or self.has_births or self.dissolves:
@@ -80,10 +86,13 @@ def uses_at(moment: Moment, has_skin: bool) -> Uses:
     reacts = p.rd.enabled
     breeds = reacts and p.growth.birth_rate > 0
     accretes = reacts and p.accretion.enabled
+    has_target = moment.target is not None or moment.becomes is not None
     return Uses(
-        deforms=bool(moment.deformers) or has_skin or moment.target is not None,
+        deforms=bool(moment.deformers) or has_skin or has_target,
         collides="collide" in roles,
         coheres=p.matter.enabled,
+        transports=has_target and p.conform.mode == "transport",
+        joins=moment.becomes is not None,
         reacts=reacts,
         grows=reacts and p.growth.rate != 0,
         breeds=breeds,

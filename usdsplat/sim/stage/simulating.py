@@ -363,7 +363,7 @@ def baked_fields(simulation: Simulation) -> list[BakedField]:
             path=path,
             rest=recipe.rest,
             writes=simulation.writes(path),
-            is_fixed=not simulation.uses[path].has_births,
+            is_fixed=not (simulation.uses[path].has_births or simulation.uses[path].joins),
             rasterize_mode=recipe.cut.rasterize_mode if recipe.cut else "",
         )
         for path, recipe in simulation.recipes.items()
