@@ -18,7 +18,7 @@ from usdsplat.core.cloud import F32, I32, SplatCloud
 from usdsplat.kernels.device import Device
 from usdsplat.kernels.sim import matter as kernels
 from usdsplat.sim.carriers import Binding, Carriers
-from usdsplat.sim.contact import Contacts
+from usdsplat.sim.contact import Contacts, Particles
 from usdsplat.sim.following import Motion, follow, motion_of
 from usdsplat.sim.gradients import LocalGradients
 from usdsplat.sim.materials import resolved
@@ -49,14 +49,15 @@ LOWEST = 1.0
 """Percentile of the heights of carriers at which the ground is: strays may be below it. The upper
 end is as far from the highest."""
 _PIECES = "pieces:"
-_ARRAYS = ("turns", "cut", "offsets", "speeds")
+_ARRAYS = ("turns", "cut", "offsets", "speeds", "since")
+_MOVING = ("positions", "velocities", "flags")
 
 
 class Matter:
     """The matter of one field.
 
     Args:
-        device: Runs the kernels.
+        device: Runs the kernels, and keeps the carriers.
         carriers: Carriers of the field.
         selection: Selection weight of each carrier, shape (c,); carriers with 0 stay on their pose.
         colors: Colour of each carrier, shape (c, 3).
@@ -69,7 +70,7 @@ class Matter:
         self._device, self._carriers = device, carriers
         self._contacts = Contacts(device)
         self.particles = State.of(_cloud(carriers), selection)
-        """Carriers as particles; positions and velocities are theirs."""
+        """Carriers as particles. Positions, velocities and flags are arrays of the device."""
         knobs = resolved(first.parameters.matter)
         held = selection <= 0
         heights = carriers.positions @ np.asarray(first.up, np.float32)
@@ -81,29 +82,41 @@ class Matter:
         self.particles.flags[held] |= PINNED
         self.ground = _ground(first, low, knobs.friction) if knobs.ground else None
         """The ground as an affector; None without one."""
-        self._rows, self._neighbours, self._twins = edges(device, carriers)
+        rows, neighbours, twins = edges(device, carriers)
+        self._graph = rows, neighbours
+        self._edges = device.keep(rows), device.keep(neighbours)
+        self._twins = device.keep(twins)
         near, _ = nearest(device, carriers.positions, carriers.positions, NEIGHBORS + 1)
         self._near = np.ascontiguousarray(near[:, 1:])
+        self._sizes = device.keep(self.particles.rest_scales)
         self._poses = carriers.positions
-        c, count = len(carriers), len(self._neighbours)
-        self._turns = np.tile(np.array([1, 0, 0, 0], np.float32), (c, 1))
-        self._cut = np.zeros(count, np.uint8)
+        c, count = len(carriers), len(neighbours)
+        self._turns: Any = device.move(np.tile(np.array([1, 0, 0, 0], np.float32), (c, 1)))
+        self._cut: Any = device.move(np.zeros(count, np.uint8))
         is_plastic = knobs.plasticity > 0
-        self._offsets = np.zeros((count, 3), np.float32) if is_plastic else NO_OFFSETS
-        self._speeds = np.zeros((c, 3), np.float32)
+        offsets = np.zeros((count, 3), np.float32) if is_plastic else NO_OFFSETS
+        self._offsets: Any = device.move(offsets)
+        self._speeds: Any = device.move(np.zeros((c, 3), np.float32))
+        self._since: Any = device.move(np.full(c, np.inf, np.float32))
         self._gradients: LocalGradients | None = None
         self.pieces: Pieces | None = None
         """Rigid pieces; None for matter that does not break up."""
         if knobs.grain > 0:
             self.pieces = Pieces(
-                device, carriers, self._rows, self._neighbours, colors=colors, size=knobs.grain,
-                roots=held, seed=first.parameters.sim.seed,
+                device, carriers, rows, neighbours, colors=colors, size=knobs.grain, roots=held,
+                seed=first.parameters.sim.seed,
             )  # fmt: skip
+        self._move_in()
+
+    def _move_in(self) -> None:
+        """Move what changes to the device."""
+        for name in _MOVING:
+            setattr(self.particles, name, self._device.move(getattr(self.particles, name)))
 
     def move_to(self, poses: F32) -> None:
         """Put all carriers at their poses, at rest."""
         self._poses = poses
-        self.particles.positions = poses.copy()
+        self.particles.positions = self._device.move(poses.copy())
 
     def advance(self, poses: F32, before: Moment, after: Moment, step: Step) -> None:
         """Take a substep.
@@ -114,38 +127,43 @@ class Matter:
             step: The substep.
         """
         state, knobs, run = self.particles, resolved(after.parameters.matter), self._device.run
+        keep, resident = self._device.keep, self._device.resident
         dt, f = np.float32(step.dt), np.float32
         if self.ground is not None:
             before, after = (
                 replace(each, affectors=(*each.affectors, self.ground)) for each in (before, after)
             )
         if self.pieces is not None:
-            self.pieces.update(state, self._touched(after), self._cut)
-        started = state.positions.copy()
+            self._wake(self.pieces, after)
+        started = resident(poses.shape, np.float32)
+        reach = SLIP * widest(after.affectors) if knobs.back > 0 else np.inf
+        run(
+            kernels.slip, f(reach), f(SETTLED / SLIP * reach), SLIPPING, ALIVE, keep(self._poses),
+            state.positions, state.flags, started,
+        )  # fmt: skip
         run(
             kernels.predict, f(knobs.back), f(knobs.damping), dt, _gravity(after, knobs),
-            self._poses, poses, self._speeds, state.flags, state.weight, state.positions,
-            state.velocities,
+            keep(self._poses), keep(poses), self._speeds, state.flags, keep(state.weight),
+            state.positions, state.velocities,
         )  # fmt: skip
-        self._poses = poses
-        graph = self._rows, self._neighbours
+        self._poses, poses = poses, keep(poses)
         pull = -np.expm1(-knobs.stiffness * step.dt / knobs.iterations)
         if self.pieces is not None:
             pull = 0.0
         limits = f(knobs.press), f(knobs.stretch)
-        shifts: F32 = self._device.empty((len(poses), 8), np.float32)
-        self._push(started, before, after, knobs, step.dt)
-        pushed = state.positions.copy()
+        shifts = resident((poses.shape[0], 8), np.float32)
+        self._push(started, before, after, step.dt, continuous=knobs.back <= 0)
+        pushed = state.positions
         for _ in range(knobs.iterations):
             run(
-                kernels.match, *limits, poses, state.positions, *graph, self._cut, self._offsets,
-                self._turns, shifts,
+                kernels.match, *limits, poses, state.positions, *self._edges, self._cut,
+                self._offsets, self._turns, shifts,
             )  # fmt: skip
-            out: F32 = self._device.empty(poses.shape, np.float32)
+            out = resident(poses.shape, np.float32)
             run(
-                kernels.correct, f(pull), *limits, f(RELAXATION), poses,
-                state.positions, state.flags, *graph, self._twins, self._cut, self._offsets,
-                self._turns, shifts, out,
+                kernels.correct, f(pull), *limits, f(RELAXATION), poses, state.positions,
+                state.flags, *self._edges, self._twins, self._cut, self._offsets, self._turns,
+                shifts, out,
             )  # fmt: skip
             state.positions = out
             if self.pieces is not None:
@@ -157,58 +175,70 @@ class Matter:
         )  # fmt: skip
         if np.isfinite(knobs.tear):
             run(
-                kernels.tear, f(knobs.tear), poses, state.positions, *graph, self._twins,
+                kernels.tear, f(knobs.tear), poses, state.positions, *self._edges, self._twins,
                 self._offsets, self._cut,
             )  # fmt: skip
-        if len(self._offsets) and knobs.plasticity > 0:
+        if self._offsets.shape[0] and knobs.plasticity > 0:
             rate = -np.log1p(-min(knobs.plasticity, 1 - 1e-6))
             run(
-                kernels.flow, f(knobs.yielding), f(rate), dt, poses, state.positions, *graph,
+                kernels.flow, f(knobs.yielding), f(rate), dt, poses, state.positions, *self._edges,
                 self._cut, self._turns, self._offsets,
             )  # fmt: skip
 
     def _push(
-        self, started: F32, before: Moment, after: Moment, knobs: MatterParameters, dt: float
+        self, started: Any, before: Moment, after: Moment, dt: float, *, continuous: bool
     ) -> None:
-        """Move carriers out of the affectors, and let those slip that were pushed too far.
+        """Move carriers out of the affectors.
 
         Matter that returns to its pose cannot be pushed farther than about the radius of what
         pushes it: a post that runs over a sign bends it, until the sign slips off and swings back
         behind the post. A carrier that slips passes the affector; its splats are still pushed out.
+        Its motion is not swept, because a sweep would carry along what has slipped.
         """
-        state = self.particles
-        if knobs.back > 0:
-            reach = SLIP * widest(after.affectors)
-            away = np.linalg.norm(state.positions - self._poses, axis=1)
-            state.flags[away > reach] |= SLIPPING
-            state.flags[away < SETTLED * reach] &= ~SLIPPING
-            slipping = (state.flags & SLIPPING) != 0
-            state.flags[slipping] &= ~ALIVE
-            self._contacts.step(state, started, after.affectors, after.affectors, np.inf)
-            state.flags[slipping] |= ALIVE
+        if continuous:
+            sides, span = (before.affectors, after.affectors), dt
         else:
-            self._contacts.step(state, started, before.affectors, after.affectors, dt)
+            sides, span = (after.affectors, after.affectors), np.inf
+        bodies = self._contacts.packed(*sides, span)
+        if len(bodies):
+            self._contacts.push(bodies, started, self._as_particles(), span)
 
-    def _touched(self, moment: Moment) -> npt.NDArray[np.bool_]:
-        """Return which carriers are inside an affector other than the ground, shape (c,)."""
+    def _as_particles(self) -> Particles:
+        """Return the carriers as affectors see them."""
         state = self.particles
-        copy = replace(
-            state,
-            positions=state.positions.copy(),
-            velocities=state.velocities.copy(),
-            flags=np.full_like(state.flags, ALIVE),
-            memory={},
-        )
-        sides = tuple(each for each in moment.affectors if each is not self.ground)
-        self._contacts.step(copy, state.positions, sides, sides, np.inf)
-        return np.asarray((copy.positions != state.positions).any(axis=1))
+        return Particles(
+            flags=state.flags, sizes=self._sizes, positions=state.positions,
+            velocities=state.velocities, since=self._since,
+        )  # fmt: skip
+
+    def _wake(self, pieces: Pieces, moment: Moment) -> None:
+        """Let pieces go that affectors other than the ground touch, and those without support."""
+        state, fetch = self.particles, self._device.fetch
+        positions = fetch(state.positions)
+        others = tuple(each for each in moment.affectors if each is not self.ground)
+        bodies = self._contacts.packed(others, others, np.inf)
+        touched = np.zeros(len(positions), np.bool_)
+        if len(bodies):
+            copy = Particles(
+                flags=np.full(len(positions), ALIVE, np.uint32),
+                sizes=self._sizes,
+                positions=positions.copy(),
+                velocities=np.zeros_like(positions),
+                since=np.zeros(len(positions), np.float32),
+            )
+            self._contacts.push(bodies, positions, copy, np.inf)
+            touched = (copy.positions != positions).any(axis=1)
+        flags, cut = (np.array(fetch(each)) for each in (state.flags, self._cut))
+        pieces.update(flags, touched, cut)
+        state.flags, self._cut = self._device.move(flags), self._device.move(cut)
 
     def motion(self, moment: Moment) -> Motion:
         """Return the motion of the carriers from their poses."""
+        positions = self._device.fetch(self.particles.positions)
         if self.pieces is not None:
             return Motion(
                 poses=self._poses,
-                displacements=self.particles.positions - self._poses,
+                displacements=positions - self._poses,
                 maps=self.pieces.maps(),
                 spacing=self._carriers.spacing,
             )
@@ -217,7 +247,7 @@ class Matter:
             normals = self._carriers.normals if self._is_at_rest else None
             self._gradients = LocalGradients.of(self._device, self._poses, self._near, normals)
         return motion_of(
-            self._device, self._gradients, self.particles.positions, self._carriers.spacing,
+            self._device, self._gradients, positions, self._carriers.spacing,
             (knobs.press, knobs.stretch),
         )  # fmt: skip
 
@@ -229,23 +259,21 @@ class Matter:
 
     def memory(self) -> dict[str, npt.NDArray[Any]]:
         """Return what `restore` needs."""
-        own = {name: getattr(self, f"_{name}") for name in _ARRAYS}
+        fetch = self._device.fetch
+        own = {name: fetch(getattr(self, f"_{name}")) for name in _ARRAYS}
+        own |= {name: fetch(getattr(self.particles, name)) for name in _MOVING}
         if self.pieces is not None:
             own |= {_PIECES + key: each for key, each in self.pieces.memory().items()}
-        return own | dict(self.particles.per_splat()) | {"poses": self._poses}
+        return own | {"poses": self._poses}
 
     def restore(self, memory: dict[str, npt.NDArray[Any]]) -> None:
         """Restore the result of `memory`, bit for bit."""
         for name in _ARRAYS:
-            setattr(self, f"_{name}", memory[name])
+            setattr(self, f"_{name}", self._device.move(memory[name].copy()))
+        for name in _MOVING:
+            setattr(self.particles, name, memory[name].copy())
+        self._move_in()
         self._poses = memory["poses"]
-        names = {name for name, _ in self.particles.per_splat()}
-        kept = {
-            name: each
-            for name, each in memory.items()
-            if name in names or name.startswith("memory:")
-        }
-        self.particles.replace_rows(kept)
         if self.pieces is not None:
             of_pieces = {
                 name.removeprefix(_PIECES): each
@@ -256,10 +284,11 @@ class Matter:
 
     def stretches(self) -> F32:
         """Return the length of each edge that has not torn, relative to that at rest."""
-        own = np.repeat(np.arange(len(self._poses)), np.diff(self._rows))
-        kept = self._cut == 0
-        a, b = own[kept], self._neighbours[kept]
-        now = self.particles.positions
+        rows, neighbours = self._graph
+        kept = self._device.fetch(self._cut) == 0
+        a = np.repeat(np.arange(len(self._poses)), np.diff(rows))[kept]
+        b = neighbours[kept]
+        now = self._device.fetch(self.particles.positions)
         length, rest = (np.linalg.norm(p[a] - p[b], axis=1) for p in (now, self._poses))
         return np.asarray(length / np.maximum(rest, 1e-30), np.float32)
 

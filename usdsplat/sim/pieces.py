@@ -20,7 +20,7 @@ from usdsplat.kernels.sim.seeds import draw
 from usdsplat.sim.carriers import Carriers
 from usdsplat.sim.neighbors import Neighbors
 from usdsplat.sim.parameters import NeighborsParameters
-from usdsplat.sim.state import PINNED, State
+from usdsplat.sim.state import PINNED, U32, State
 
 SEAM = 4.0
 """Cost of crossing from black to white, in lengths of the edge."""
@@ -75,11 +75,11 @@ class Pieces:
         )
         self._support = np.full(len(carriers), radius, np.float32)
 
-    def update(self, state: State, touched: Bools, cut: npt.NDArray[np.uint8]) -> None:
+    def update(self, flags: U32, touched: Bools, cut: npt.NDArray[np.uint8]) -> None:
         """Let pieces go that were touched, and those that nothing holds; hold the others.
 
         Args:
-            state: Carriers; their PINNED flags change.
+            flags: Flags of the carriers, of which PINNED changes, shape (c,).
             touched: Which carriers touch an affector, shape (c,).
             cut: 1 for edges that have torn, shape (edges,); edges to pieces that go are cut.
         """
@@ -87,7 +87,7 @@ class Pieces:
         a, b = self.piece[self._own], self.piece[self._neighbours]
         self.stands &= self._supported(a, b, cut)
         loose = ~self.stands[self.piece]
-        state.flags[:] = np.where(loose & ~self._roots, state.flags & ~PINNED, state.flags | PINNED)
+        flags[:] = np.where(loose & ~self._roots, flags & ~PINNED, flags | PINNED)
         cut[self.stands[a] != self.stands[b]] = 1
 
     def maps(self) -> F32:
@@ -95,10 +95,10 @@ class Pieces:
         turns = np.where(self.stands[:, None], np.array([1, 0, 0, 0], np.float32), self._turns)
         return np.ascontiguousarray(to_matrix(turns)[self.piece], dtype=np.float32)
 
-    def place(self, state: State, poses: F32) -> None:
+    def place(self, state: State, poses: Any) -> None:
         """Make the pieces rigid again, and keep them apart; positions of the state change."""
         run = self._device.run
-        shifts: F32 = self._device.empty((len(self._counts), 6), np.float32)
+        shifts = self._device.resident((len(self._counts), 6), np.float32)
         run(
             kernels.match_pieces, poses, state.positions, state.flags, self._starts, self._counts,
             self._members, self._turns, shifts,
@@ -108,10 +108,10 @@ class Pieces:
             state.positions,
         )  # fmt: skip
 
-    def part(self, state: State, poses: F32) -> None:
+    def part(self, state: State, poses: Any) -> None:
         """Move carriers of different pieces apart that are too close; positions change."""
-        graph = self._near.update(state.positions, self._support)
-        out: F32 = self._device.empty(poses.shape, np.float32)
+        graph = self._near.update(self._device.fetch(state.positions), self._support)
+        out = self._device.resident(poses.shape, np.float32)
         self._device.run(
             kernels.keep_apart, np.float32(APART * self._carriers.spacing), poses, state.positions,
             state.flags, self.piece, graph.order, graph.rank, graph.rows, graph.neighbors, out,

@@ -109,6 +109,29 @@ def predict(
         positions[i, axis], velocities[i, axis] = x, v
 
 
+@kernel(over="positions", writes=("flags", "out"))
+def slip(i, reach, settled, bit, alive, poses, positions, flags, out):
+    """Mark the carriers that slip off what pushes them, and copy all positions.
+
+    Args:
+        reach: Distance from the pose at which a carrier slips [unit], f32; infinity for never.
+        settled: Distance at which it can be pushed again [unit], f32.
+        bit, alive: Bits of the flags, u32: it slips; affectors push it.
+        poses, positions: [unit], shape (n, 3) f32.
+        flags: Flags of State, shape (n,) u32; changed in place.
+        out: Receives the positions, shape (n, 3) f32.
+    """
+    square = ZERO
+    for axis in range(3):
+        away = positions[i, axis] - poses[i, axis]
+        square += away * away
+        out[i, axis] = positions[i, axis]
+    if square > reach * reach:
+        flags[i] = (flags[i] | bit) & ~alive
+    elif square < settled * settled or not reach < np.float32(np.inf):
+        flags[i] = (flags[i] & ~bit) | alive
+
+
 @kernel(over="positions", writes=("turns", "shifts"))
 def match(i, shortest, longest, poses, positions, rows, neighbours, cut, offsets, turns, shifts):
     """Find the rotation and the shift that bring the shape of a neighbourhood to its positions.
