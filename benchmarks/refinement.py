@@ -7,7 +7,7 @@ splats that are divided make up SHARE of what four pictures show, by default 0.3
 taken as `usdsplat render` frames a capture, a quarter turn apart, at 1280x720. Cells are the least
 and the largest of the four [dB, over the whole picture].
 
-Where splats are sorted by the depth of their centre, pieces are sorted by theirs, so that large
+Where splats are sorted by the depth of their centre, children are sorted by theirs, so that large
 splats that lie in one another change places in parts; sorted along each ray they do not. No
 constant was chosen on the captures below the line.
 """
@@ -187,7 +187,7 @@ def speed(cloud: SplatCloud) -> str:
     own = sum(array.nbytes for array in (some.positions, some.scales, some.rotations, some.sh))
     return (
         f"{len(cloud):,} splats, SH {cloud.sh_degree}, to {len(some):,} at a limit of "
-        f"{MILLION_LIMIT:g} spacings: {asked:.1f} s for the spacing, {spent:.1f} s for the pieces, "
+        f"{MILLION_LIMIT:g} spacings: {asked:.1f} s for the spacing, {spent:.1f} s to divide, "
         f"{more:,.0f} MiB more at the peak, of which the result has {own / 2**20:,.0f}"
     )
 

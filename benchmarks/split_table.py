@@ -1,21 +1,21 @@
-"""Fit the table with which one splat becomes n, and print how well the pieces stand for it.
+"""Fit the table with which one splat becomes n, and print how well the children stand for it.
 
     python -m benchmarks.split_table
 
-A splat of opacity A is in its own standard deviations A exp(-(x^2 + y^2) / 2). Its n pieces along
+A splat of opacity A is in its own standard deviations A exp(-(x^2 + y^2) / 2). Its n children along
 x, each with offset m, size s along and t across, and opacity a, are composited:
 
     1 - prod(1 - a exp(-((x - m) / s)^2 / 2 - (y / t)^2 / 2))
 
 s is the least and the largest for each n; the rest is fitted by Levenberg-Marquardt over the
 ellipse in which the splat is drawn, so that the profile holds at every y, where the splat is
-fainter. Pieces that overlap lose more where they are opaque, which sizes t other than 1 make up
+fainter. Children that overlap lose more where they are opaque, which sizes t other than 1 make up
 for. Mass and second moments of the composite are held to those of the splat. Solutions are followed
 from faint splats to opaque ones, so that the table can be interpolated.
 
 The first output is the table of `usdsplat/sim/split_table.py`. The second is the noise of the
 composite over the ellipse [dB], for a peak of 1, of the least s, the largest, and one between; its
-last rows are pieces that are split again along the same axis and along the other one, pieces
+last rows are children that are split again along the same axis and along the other one, children
 without t, and halves of halves.
 """
 
@@ -72,8 +72,8 @@ DRAWN, WIDE = Disc.of(REACH, 61, 25), Disc.of(FAR, 67, 34)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Pieces:
-    """n pieces of one splat, in its standard deviations."""
+class Children:
+    """n children of one splat, in its standard deviations."""
 
     offset: F64
     """Shape (n, 2)."""
@@ -83,7 +83,7 @@ class Pieces:
     """Shape (n,)."""
 
     def composite(self, where: Disc) -> F64:
-        """Return the opacity of all pieces together."""
+        """Return the opacity of all children together."""
         clear = np.ones_like(where.x)
         for (m, o), (s, t), a in zip(self.offset, self.size, self.opacity, strict=True):
             clear *= 1 - a * np.exp(-0.5 * (((where.x - m) / s) ** 2 + ((where.y - o) / t) ** 2))
@@ -108,13 +108,13 @@ def splat(opacity: float, where: Disc) -> F64:
 # --- the fit ---------------------------------------------------------------------------
 
 
-def pieces_of(values: F64, n: int, sigma: float, *, is_plain: bool = False) -> Pieces:
-    """Return the pieces of fitted numbers.
+def children_of(values: F64, n: int, sigma: float, *, is_plain: bool = False) -> Children:
+    """Return the children of fitted numbers.
 
     Args:
         values: Offset, opacity and size across of the right half, from the middle out; the latter
             two are any number.
-        n: Number of pieces.
+        n: Number of children.
         sigma: Size along the axis.
         is_plain: Whether sizes across are 1.
     """
@@ -127,7 +127,7 @@ def pieces_of(values: F64, n: int, sigma: float, *, is_plain: bool = False) -> P
     left = right[:, n % 2 :][:, ::-1] * [[-1], [1], [1]]
     m, a, t = np.concatenate([left, right], axis=1)
     zero, size = np.zeros_like(m), np.full_like(m, sigma)
-    return Pieces(np.stack([m, zero], axis=1), np.stack([size, t], axis=1), a)
+    return Children(np.stack([m, zero], axis=1), np.stack([size, t], axis=1), a)
 
 
 def _squeezed(value: F64) -> F64:
@@ -154,9 +154,9 @@ def fitted(values: F64, n: int, sigma: float, opacity: float, *, is_plain: bool 
     weight, goal = np.sqrt(DRAWN.share), splat(opacity, DRAWN)
 
     def residual(now: F64) -> F64:
-        pieces = pieces_of(now, n, sigma, is_plain=is_plain)
-        error = weight * (pieces.composite(DRAWN) - goal)
-        return np.concatenate([error, MOMENTS * opacity * pieces.moments(opacity)])
+        children = children_of(now, n, sigma, is_plain=is_plain)
+        error = weight * (children.composite(DRAWN) - goal)
+        return np.concatenate([error, MOMENTS * opacity * children.moments(opacity)])
 
     here, damping = residual(values), 1e-3
     for _ in range(ITERATIONS):
@@ -180,14 +180,14 @@ def fitted(values: F64, n: int, sigma: float, opacity: float, *, is_plain: bool 
     return values
 
 
-def followed(n: int, sigma: float, *, is_plain: bool = False) -> list[Pieces]:
-    """Return the pieces at each of OPACITIES."""
+def followed(n: int, sigma: float, *, is_plain: bool = False) -> list[Children]:
+    """Return the children at each of OPACITIES."""
     now = OPACITIES[0]
     values, found = start(n, sigma, now), []
     for goal in OPACITIES:
         for opacity in np.linspace(now, goal, max(1, math.ceil((goal - now) / STEP)) + 1)[1:]:
             values = fitted(values, n, sigma, float(opacity), is_plain=is_plain)
-        found.append(pieces_of(values, n, sigma, is_plain=is_plain))
+        found.append(children_of(values, n, sigma, is_plain=is_plain))
         now = goal
     return found
 
@@ -195,8 +195,8 @@ def followed(n: int, sigma: float, *, is_plain: bool = False) -> list[Pieces]:
 # --- what becomes of it ------------------------------------------------------------------
 
 
-def interpolated(rows: Sequence[Pieces], opacity: float) -> Pieces:
-    """Return the pieces of a splat from those at each of OPACITIES."""
+def interpolated(rows: Sequence[Children], opacity: float) -> Children:
+    """Return the children of a splat from those at each of OPACITIES."""
     nodes = np.array(OPACITIES)
     at = min(max(opacity, nodes[0]), nodes[-1])
     i = min(int(np.searchsorted(nodes, at, "right")) - 1, len(nodes) - 2)
@@ -205,13 +205,13 @@ def interpolated(rows: Sequence[Pieces], opacity: float) -> Pieces:
     return replace(mixed, opacity=np.minimum(opacity * mixed.opacity, 1))
 
 
-def _two(rows: Sequence[Pieces], i: int) -> Iterator[tuple[int, Pieces]]:
+def _two(rows: Sequence[Children], i: int) -> Iterator[tuple[int, Children]]:
     yield from ((i, rows[i]), (i + 1, rows[i + 1]))
 
 
-def between(low: Pieces, high: Pieces, part: float) -> Pieces:
+def between(low: Children, high: Children, part: float) -> Children:
     """Interpolate."""
-    return Pieces(
+    return Children(
         *(
             (1 - part) * getattr(low, name) + part * getattr(high, name)
             for name in ("offset", "size", "opacity")
@@ -219,12 +219,12 @@ def between(low: Pieces, high: Pieces, part: float) -> Pieces:
     )
 
 
-def again(rows: Sequence[Pieces], whole: Pieces, axis: int) -> Pieces:
-    """Return the pieces of pieces, along the same axis, 0, or along the other one, 1."""
+def again(rows: Sequence[Children], whole: Children, axis: int) -> Children:
+    """Return the children of children, along the same axis, 0, or along the other one, 1."""
     order = (axis, 1 - axis)
     parts = [interpolated(rows, opacity) for opacity in whole.opacity]
     offsets, sizes = zip(*((p.offset[:, order], p.size[:, order]) for p in parts), strict=True)
-    return Pieces(
+    return Children(
         np.concatenate(
             [m + s * o for m, s, o in zip(whole.offset, whole.size, offsets, strict=True)]
         ),
@@ -233,17 +233,16 @@ def again(rows: Sequence[Pieces], whole: Pieces, axis: int) -> Pieces:
     )
 
 
-def source(ends: Sequence[Sequence[Pieces]], n: int) -> Iterator[str]:
+def source(ends: Sequence[Sequence[Children]], n: int) -> Iterator[str]:
     """Yield the lines of the table for one n: offset, size across and opacity of the right half,
     the latter as a fraction of the splat's; with the least s, then with the largest."""
     yield f"    {n}: ("
     for rows in ends:
         yield "        ("
-        for opacity, pieces in zip(OPACITIES, rows, strict=True):
+        for opacity, children in zip(OPACITIES, rows, strict=True):
             right = slice(n // 2, None)
-            columns = (
-                pieces.offset[right, 0], pieces.size[right, 1], pieces.opacity[right] / opacity,
-            )  # fmt: skip
+            share = children.opacity[right] / opacity
+            columns = (children.offset[right, 0], children.size[right, 1], share)
             line = f"({', '.join(_numbers(column) for column in columns)}),"
             yield textwrap.indent(textwrap.fill(line, 88, subsequent_indent=" "), " " * 12)
         yield "        ),"
@@ -255,7 +254,7 @@ def _numbers(values: F64) -> str:
     return f"({text})" if len(values) > 1 else f"({text},)"
 
 
-def halved(size: float, *, is_plain: bool) -> tuple[float, int, dict[float, Pieces]]:
+def halved(size: float, *, is_plain: bool) -> tuple[float, int, dict[float, Children]]:
     """Return halves of halves that are as small as a third, and the number of times."""
     pair = followed(2, size, is_plain=is_plain)
     ways = {opacity: interpolated(pair, opacity) for opacity in SHOWN}
@@ -269,19 +268,19 @@ def halved(size: float, *, is_plain: bool) -> tuple[float, int, dict[float, Piec
 def main(report: Report) -> None:
     """Fit, and print both tables."""
     fits = {n: tuple(followed(n, sigma) for sigma in ends) for n, ends in SIGMAS.items()}
-    print("PIECES = {")
+    print("CHILDREN = {")
     for n in SIGMAS:
         print("\n".join(source(fits[n], n)))
     print("}")
     table = Table(
-        title=r"noise of n pieces against their splat \[dB], by its opacity",
+        title=r"noise of n children against their splat \[dB], by its opacity",
         caption="moments: largest relative error of mass and second moments at opacity 0.95",
     )
-    for column in ("pieces", "size", *map(str, SHOWN), "moments"):
-        table.add_column(column, justify="left" if column == "pieces" else "right")
+    for column in ("children", "size", *map(str, SHOWN), "moments"):
+        table.add_column(column, justify="left" if column == "children" else "right")
 
-    def show(label: str, size: float, ways: dict[float, Pieces]) -> None:
-        cells = {opacity: pieces.noise(opacity) for opacity, pieces in ways.items()}
+    def show(label: str, size: float, ways: dict[float, Children]) -> None:
+        cells = {opacity: children.noise(opacity) for opacity, children in ways.items()}
         off = np.abs(ways[0.95].moments(0.95)).max()
         table.add_row(label, f"{size:.3f}", *(f"{c:.1f}" for c in cells.values()), f"{off:.1%}")
         report.add(scene=label, size=size, db=cells, moments=off)

@@ -1,4 +1,4 @@
-"""Tests of dividing splats into pieces."""
+"""Tests of dividing splats into children."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from usdsplat.core.cloud import SplatCloud
 from usdsplat.kernels.device import CpuDevice
 from usdsplat.kernels.devices import open_device
 from usdsplat.sim import carriers
-from usdsplat.sim.refining import GROWTH, SEEN, Cuts, Shapes, oversized, pieces, refined
+from usdsplat.sim.refining import GROWTH, SEEN, Cuts, Shapes, oversized, refined, split
 from usdsplat.sim.split_table import OPACITIES, SIGMAS, TABLE
 
 DEVICE = open_device()
@@ -51,9 +51,9 @@ def cloud(n=400, seed=0, *, degree=1) -> SplatCloud:
 
 
 def divided(whole: SplatCloud, limit: float) -> Shapes:
-    """The pieces of one pass."""
+    """The children of one pass."""
     shapes = Shapes.of(whole)
-    return pieces(DEVICE, shapes, Cuts.of(DEVICE, shapes, limit=limit))[0]
+    return split(DEVICE, shapes, Cuts.of(DEVICE, shapes, limit=limit))[0]
 
 
 def seen(parts: Shapes, axes: tuple[int, int], far: float = 3.4) -> tuple[np.ndarray, np.ndarray]:
@@ -81,9 +81,9 @@ def noise(parts: Shapes, opacity: float, axes: tuple[int, int] = (0, 1)) -> floa
 
 @pytest.mark.parametrize(("n", "size"), EVERY)
 @pytest.mark.parametrize(("opacity", "least"), [(0.1, 67), (0.37, 48), (0.5, 48), (0.95, 40)])
-def test_pieces_together_look_like_the_splat(n, size, opacity, least) -> None:
+def test_children_together_look_like_the_splat(n, size, opacity, least) -> None:
     """Oracle: the splat's own Gaussian, along and across; the figures of the recipe, at opacities
-    and sizes of the table and between; two pieces lose 4 dB more of an opaque splat.
+    and sizes of the table and between; two children lose 4 dB more of an opaque splat.
     """
     parts = divided(one(opacity=opacity), size)
     assert len(parts) == n
@@ -92,8 +92,8 @@ def test_pieces_together_look_like_the_splat(n, size, opacity, least) -> None:
 
 @pytest.mark.parametrize(("n", "size"), EVERY)
 @pytest.mark.parametrize("opacity", [0.1, 0.95])
-def test_pieces_keep_mass_centre_and_second_moments(n, size, opacity) -> None:
-    """Oracle: those of a Gaussian, pi A and 1 in its own units; within 3.5 %, two pieces 5 %."""
+def test_children_keep_mass_centre_and_second_moments(n, size, opacity) -> None:
+    """Oracle: those of a Gaussian, pi A and 1 in its own units; within 3.5 %, two children 5 %."""
     found, _ = seen(divided(one(opacity=opacity), size), (0, 1), far=6)
     x, y = np.meshgrid(np.linspace(-6, 6, 101), np.linspace(-6, 6, 51))
     cell = (12 / 100) * (12 / 50)
@@ -105,14 +105,14 @@ def test_pieces_keep_mass_centre_and_second_moments(n, size, opacity) -> None:
     np.testing.assert_allclose(moments, [0, 1, 1], atol=most)
 
 
-def test_pieces_are_those_of_the_table_along_the_longest_axis() -> None:
+def test_children_are_those_of_the_table_along_the_longest_axis() -> None:
     """Oracle: the table's own numbers, on an axis turned in float64."""
     turn = np.float64([0.3, -0.5, 0.7, 0.2])
     whole = one(scales=(0.2, 0.9, 1e-6), opacity=OPACITIES[3], turn=turn)
     for entry, (n, (least, _)) in enumerate(SIGMAS.items()):
         parts = divided(whole, 0.9 * least * (1 + 1e-6))
         first = TABLE.firsts[entry]
-        offsets, across, opacities = TABLE.pieces[0, 3, first : first + n].T
+        offsets, across, opacities = TABLE.children[0, 3, first : first + n].T
         axis = axes_of(whole.rotations)[0][:, 1]
         np.testing.assert_allclose(
             parts.positions, 0.9 * offsets[:, None] * axis, rtol=1e-4, atol=1e-6
@@ -123,7 +123,7 @@ def test_pieces_are_those_of_the_table_along_the_longest_axis() -> None:
         np.testing.assert_array_equal(parts.rotations, np.tile(whole.rotations, (n, 1)))
 
 
-def test_pieces_of_a_thick_splat_keep_its_mean_opacity_over_all_directions() -> None:
+def test_children_of_a_thick_splat_keep_its_mean_opacity_over_all_directions() -> None:
     """Oracle: for faint splats, opacity times the area of the shadow, averaged over directions in
     float64; a splat that is flat is the table's, seen from the front.
     """
@@ -137,9 +137,8 @@ def test_pieces_of_a_thick_splat_keep_its_mean_opacity_over_all_directions() -> 
 
     for scales in ((1.0, 0.9, 0.8), (1.0, 0.5, 0.4), (1.0, 0.3, 0.02), (1.0, 1.0, 0.0)):
         whole = one(scales=scales, opacity=0.02)
-        parts = pieces(
-            DEVICE, Shapes.of(whole), Cuts.of(DEVICE, Shapes.of(whole), limit=0.5, faint=0.0)
-        )[0]
+        shapes = Shapes.of(whole)
+        parts, _ = split(DEVICE, shapes, Cuts.of(DEVICE, shapes, limit=0.5, faint=0.0))
         total = sum(a * mean(s) for a, s in zip(parts.opacities, parts.scales, strict=True))
         assert total == pytest.approx(0.02 * mean(whole.scales[0]), rel=0.03)
 
@@ -170,7 +169,7 @@ def test_no_splat_that_counts_is_longer_than_the_limit() -> None:
     assert oversized(DEVICE, found, limit=0.03) == 0
 
 
-def test_pieces_have_their_splats_colour_rotation_and_velocity_and_new_ids() -> None:
+def test_children_have_their_splats_colour_rotation_and_velocity_and_new_ids() -> None:
     """Oracle: rows of the capture; ids ascend, and new ones follow the largest."""
     whole = cloud(degree=3)
     found, parents = refined(DEVICE, whole, limit=0.02, budget=10**6)

@@ -127,11 +127,10 @@ def births(
     if not len(parents):
         return parents
     _remembered(state, SPLIT, NEVER)
-    rows = np.concatenate([np.arange(n), parents])
     ids = state.ids
     frame: list[npt.NDArray[Any]]
     frame = [ids, state.support, neighborhood.normals, state.rotations, state.rest_rotations]
-    _take(state, rows)
+    append(state, parents, now=step.now)
     device.run(
         kernels.put,
         device.upload(parents),
@@ -145,10 +144,6 @@ def births(
     )
     for opacities in (state.opacities, state.rest_opacities):
         opacities[parents] = opacities[n:] = _halved(opacities[parents])
-    state.ids[n:] = state.next_id + np.arange(len(parents))
-    state.next_id += len(parents)
-    state.parents[n:] = ids[parents]
-    state.births[n:] = step.now
     state.flags[n:] |= BORN
     state.memory[PROGRESS][n:] = 0
     state.memory[SPLIT][parents] = step.now
@@ -156,6 +151,22 @@ def births(
     if HUNGRY in state.memory:
         state.memory[HUNGRY][n:] = 0
     return parents
+
+
+def append(state: State, parents: I64, *, now: float) -> None:
+    """Append a copy of a row for each of its children, with identities that continue in order.
+
+    Args:
+        state: All of its arrays are replaced.
+        parents: Rows of the parents, shape (b,).
+        now: Time since the simulation's start [s].
+    """
+    n, ids = len(state), state.ids
+    _take(state, np.concatenate([np.arange(n), parents]))
+    state.ids[n:] = state.next_id + np.arange(len(parents))
+    state.next_id += len(parents)
+    state.parents[n:] = ids[parents]
+    state.births[n:] = now
 
 
 def deaths(state: State, growth: GrowthParameters, *, now: float, dt: float) -> I64 | None:

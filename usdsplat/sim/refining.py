@@ -1,8 +1,9 @@
 """Refinement: divide splats that are too large for what happens to them.
 
 One large splat has one colour and one shape, so it cannot show a cell of a pattern, bend, or let go
-of a part. Its longest axis is divided into pieces that look like it, see `split_table`; pieces that
-are still too long are divided again, along whichever axis is the longest.
+of a part. It is divided along its longest axis into children that together look like it, see
+`split_table`; children that are still too long are divided again, along whichever axis is the
+longest.
 """
 
 from __future__ import annotations
@@ -20,14 +21,14 @@ from usdsplat.sim.rows import largest
 from usdsplat.sim.split_table import TABLE
 
 FAINT = 0.1
-"""Opacity below which splats are not divided. They are no part of a surface, and their pieces would
-lose what falls below the opacity that is drawn."""
+"""Opacity below which splats are not divided. They are no part of a surface, and their children
+would lose what falls below the opacity that is drawn."""
 SEEN = 1 / 255
-"""Opacity below which a piece is drawn nowhere."""
+"""Opacity below which a child is drawn nowhere."""
 GROWTH = 4
 """Largest number of splats after refinement, relative to that before, if no budget is given."""
 PASSES = 12
-"""Largest number of times that pieces are divided again; four suffice for an axis of a thousand
+"""Largest number of times that children are divided again; four suffice for an axis of a thousand
 limits."""
 
 
@@ -76,7 +77,7 @@ class Cuts:
     entries: I32
     """Entry of the table, negative for splats that stay, shape (n,)."""
     sizes: F32
-    """Size of the pieces along the axis, in that of the splat, shape (n,)."""
+    """Size of the children along the axis, in that of the splat, shape (n,)."""
 
     @classmethod
     def of(
@@ -126,7 +127,7 @@ class Cuts:
         return replace(self, entries=entries)
 
 
-def pieces(device: Device, shapes: Shapes, cuts: Cuts) -> tuple[Shapes, I64]:
+def split(device: Device, shapes: Shapes, cuts: Cuts) -> tuple[Shapes, I64]:
     """Divide splats once.
 
     Args:
@@ -135,7 +136,7 @@ def pieces(device: Device, shapes: Shapes, cuts: Cuts) -> tuple[Shapes, I64]:
         cuts: How.
 
     Returns:
-        The pieces, ordered by the row of their splat, then along its axis; and these rows.
+        The children, ordered by the row of their splat, then along its axis; and these rows.
     """
     divided = cuts.rows
     counts = TABLE.counts[cuts.entries[divided]]
@@ -147,7 +148,7 @@ def pieces(device: Device, shapes: Shapes, cuts: Cuts) -> tuple[Shapes, I64]:
     device.run(
         kernels.divide, device.upload(rows), device.upload(numbers),
         (cuts.axes, cuts.entries, cuts.sizes),
-        (TABLE.firsts, TABLE.sigmas, TABLE.opacities, TABLE.pieces),
+        (TABLE.firsts, TABLE.sigmas, TABLE.opacities, TABLE.children),
         device.upload(shapes.positions), device.upload(shapes.rotations),
         device.upload(shapes.scales), device.upload(shapes.opacities), positions, scales, opacities,
     )  # fmt: skip
@@ -168,7 +169,7 @@ def refined(
 ) -> tuple[SplatCloud, I64]:
     """Divide splats until none is too long, the largest first.
 
-    Pieces have the rotation, harmonics and velocity of their splat, and new ids. Those that are
+    Children have the rotation, harmonics and velocity of their splat, and new ids. Those that are
     drawn nowhere are left out.
 
     Args:
@@ -176,14 +177,14 @@ def refined(
         cloud: The splats. Their ids ascend, if they have some.
         limit: Largest standard deviation [unit], >= 0.
         anisotropy: See `Cuts.of`.
-        faint: Opacity below which splats stay, at least SEEN; pieces are divided again down to
+        faint: Opacity below which splats stay, at least SEEN; children are divided again down to
             SEEN.
         budget: Largest number of splats; None is GROWTH times as many as there are. If it does not
             suffice, `oversized` tells how many are left.
 
     Returns:
-        The cloud: first the splats that stay, then all pieces by the row of their splat; and the
-        row of the splat that each is or is a piece of, shape (m,). The cloud itself if none is
+        The cloud: first the splats that stay, then all children by the row of their splat; and the
+        row of the splat that each is or is a child of, shape (m,). The cloud itself if none is
         divided.
     """
     n = len(cloud)
@@ -199,7 +200,7 @@ def refined(
             break
         left = np.flatnonzero(cuts.entries < 0)
         done.append((shapes.taken(left), parents[left]))
-        shapes, rows = pieces(device, shapes, cuts)
+        shapes, rows = split(device, shapes, cuts)
         drawn = np.flatnonzero(shapes.opacities >= np.float32(SEEN))
         shapes, rows = shapes.taken(drawn), rows[drawn]
         parents = parents[rows]
@@ -225,7 +226,7 @@ def oversized(
 def _joined(
     cloud: SplatCloud, whole: tuple[Shapes, I64], parts: list[tuple[Shapes, I64]]
 ) -> tuple[SplatCloud, I64]:
-    """Return the cloud of splats that stay and of all pieces, and their rows in `cloud`."""
+    """Return the cloud of splats that stay and of all children, and their rows in `cloud`."""
     rows = np.concatenate([parents for _, parents in parts])
     order = np.argsort(rows, kind="stable")
     parents = np.concatenate([whole[1], rows[order]])

@@ -49,14 +49,14 @@ SIMULATION = SchemaClass(
     "the prims that act on them; if it is empty, these are all prims with SplatAffectorAPI. The "
     "API schemas applied to this prim select what is simulated. Lengths are in units of the "
     "simulation's space.",
-    groups=("sim", "neighbors"),
+    groups=("sim", "neighbors", "carriers"),
 )
 
 SINGLE = (
     SchemaClass(
         name="SplatSimGrowthAPI",
         doc="A pattern on the splats, and growth, births and deaths that depend on it.",
-        groups=("rd", "relax", "growth"),
+        groups=("rd", "relax", "growth", "accretion"),
         relationships=(
             ("relax:surface", "Mesh that splats stay on while they are redistributed evenly."),
         ),
@@ -65,6 +65,11 @@ SINGLE = (
         name="SplatSimSettleAPI",
         doc="Return of splats to their target positions after a push.",
         groups=("settle",),
+    ),
+    SchemaClass(
+        name="SplatSimMatterAPI",
+        doc="Cohesion of splats: they move as matter that bends, stretches, flows and tears.",
+        groups=("matter",),
     ),
     SchemaClass(
         name="SplatSimConformAPI",

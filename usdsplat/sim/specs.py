@@ -116,6 +116,8 @@ class Moment:
     parameters: Parameters
     to_world: F64
     """From the simulation's space to the stage's."""
+    up: tuple[float, float, float] = (0.0, 1.0, 0.0)
+    """Unit vector that points up on the stage."""
     affectors: tuple[Affector, ...] = ()
     """Ordered by path; the same ones at every time."""
     target: Surface | None = None

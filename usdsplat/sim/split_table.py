@@ -1,14 +1,13 @@
-"""The table with which one splat becomes n: places, sizes and opacities of the pieces.
+"""The table with which one splat becomes n: places, sizes and opacities of the children.
 
-The splat's longest axis is divided. n pieces along it, all with the splat's rotation and colour,
-stand for the splat: composited, they have its opacity at every point along and across the axis, in
-every view along which the splat is thin. Dividing in two again and again does not reach this.
-`benchmarks.split_table` fits the table and prints the noise of the composite, from three pieces on
-at least 41 dB against a splat of opacity 0.95 and 54 dB against one of 0.5; halves of halves reach
-29 to 32 dB and 38 to 43 dB.
+n children along the splat's longest axis, all with its rotation and colour, replace it: composited,
+they have its opacity at every point along and across the axis, in every view along which the splat
+is thin. `benchmarks.split_table` fits the table and prints the noise of the composite: from three
+children on at least 41 dB against a splat of opacity 0.95, and 54 dB against one of 0.5. Halves of
+halves reach 29 to 32 dB and 38 to 43 dB.
 
-Pieces overlap. Where they are opaque this hides more than where they are faint, off the middle of
-the axis; pieces in the middle are therefore narrower than the splat.
+Children overlap. Where they are opaque this hides more than where they are faint, off the middle of
+the axis; children in the middle are therefore narrower than the splat.
 """
 
 from __future__ import annotations
@@ -27,12 +26,12 @@ SIGMAS = {
     2: (0.88, 0.92), 3: (0.74, 0.88), 4: (0.62, 0.7), 5: (0.54, 0.62), 6: (0.47, 0.54),
     7: (0.42, 0.47), 8: (0.375, 0.42), 10: (0.31, 0.34), 12: (0.265, 0.285),
 }  # fmt: skip
-"""Number of pieces -> their least and largest standard deviation along the axis, in those of the
+"""Number of children -> their least and largest standard deviation along the axis, in those of the
 splat; between them, rows are interpolated. The least is as small as the noise above allows; two
-pieces, 37 dB, are for splats that are hardly too long."""
+children, 37 dB, are for splats that are hardly too long."""
 
 # fmt: off
-PIECES = {
+CHILDREN = {
     2: (
         (
             ((0.460,), (0.999,), (0.571,)),
@@ -271,32 +270,32 @@ PIECES = {
     ),
 }
 # fmt: on
-"""Number of pieces -> for the least and the largest of SIGMAS, for each of OPACITIES: distances
+"""Number of children -> for the least and the largest of SIGMAS, for each of OPACITIES: distances
 from the splat's centre in its standard deviations along the axis, sizes across the axis in the
-splat's, and opacities as fractions of the splat's; of the right half of the pieces, from the middle
-out. The other half mirrors it."""
+splat's, and opacities as fractions of the splat's; of the right half of the children, from the
+middle out. The other half mirrors it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SplitTable:
-    """The table as kernels read it. An entry is a number of pieces, the fewest first."""
+    """The table as kernels read it. An entry is a number of children, the fewest first."""
 
     counts: I64
-    """Number of pieces of each entry, shape (e,)."""
+    """Number of children of each entry, shape (e,)."""
     firsts: I64
-    """Row of the first piece of each entry, shape (e,)."""
+    """Row of the first child of each entry, shape (e,)."""
     sigmas: F32
-    """Least and largest size of the pieces along the axis, shape (e, 2)."""
+    """Least and largest size of the children along the axis, shape (e, 2)."""
     opacities: F32
     """Opacities of the splat, ascending, shape (a,)."""
-    pieces: F32
-    """Offset along the axis, size across, and opacity as a fraction of the splat's, of all pieces
+    children: F32
+    """Offset along the axis, size across, and opacity as a fraction of the splat's, of all children
     of all entries, for both sizes, shape (2, a, sum of counts, 3)."""
 
 
 def _whole(n: int) -> F32:
-    """Return all pieces of an entry, in the order of their offsets, shape (2, a, n, 3)."""
-    right = np.array(PIECES[n], np.float32).transpose(0, 1, 3, 2)
+    """Return all children of an entry, in the order of their offsets, shape (2, a, n, 3)."""
+    right = np.array(CHILDREN[n], np.float32).transpose(0, 1, 3, 2)
     left = right[:, :, n % 2 :][:, :, ::-1] * np.array([-1, 1, 1], np.float32)
     return np.concatenate([left, right], axis=2)
 
@@ -307,5 +306,5 @@ TABLE = SplitTable(
     firsts=np.cumsum(_COUNTS) - _COUNTS,
     sigmas=np.array(list(SIGMAS.values()), np.float32),
     opacities=np.array(OPACITIES, np.float32),
-    pieces=np.concatenate([_whole(n) for n in SIGMAS], axis=2),
+    children=np.concatenate([_whole(n) for n in SIGMAS], axis=2),
 )

@@ -19,6 +19,10 @@ class Uses:
     reacts: bool = False
     grows: bool = False
     """Whether splats move along their normals with the pattern."""
+    breeds: bool = False
+    """Whether splats have children."""
+    accretes: bool = False
+    """Whether new matter grows over the carriers."""
     has_births: bool = False
     """Whether splats are born, and may die."""
     flies: bool = False
@@ -31,6 +35,8 @@ class Uses:
     """Whether scales change other than by deformation."""
     colors: bool = False
 
+    coheres: bool = False
+    """Whether splats follow matter."""
     needs_normals: bool = False
     """Whether normals are needed, with their outer side."""
 
@@ -38,10 +44,10 @@ class Uses:
     def writes(self) -> frozenset[str]:
         """Names of the cloud's arrays that may change."""
         found = {"positions"}
-        turns = self.deforms or self.collides
+        turns = self.deforms or self.collides or self.coheres
         if turns or self.has_births:
             found |= {"rotations", "scales", "sh"}
-        if self.sizes or self.dissolves:
+        if self.sizes or self.dissolves or self.accretes:
             found.add("scales")
         if self.fades or self.has_births or self.dissolves:
             found.add("opacities")
@@ -72,21 +78,25 @@ def uses_at(moment: Moment, has_skin: bool) -> Uses:
     outputs = {each.parameters.output for each in moment.drivers}
     sources = {each.parameters.source for each in moment.drivers}
     reacts = p.rd.enabled
-    has_births = reacts and p.growth.birth_rate > 0
+    breeds = reacts and p.growth.birth_rate > 0
+    accretes = reacts and p.accretion.enabled
     return Uses(
         deforms=bool(moment.deformers) or has_skin or moment.target is not None,
         collides="collide" in roles,
+        coheres=p.matter.enabled,
         reacts=reacts,
         grows=reacts and p.growth.rate != 0,
-        has_births=has_births,
+        breeds=breeds,
+        accretes=accretes,
+        has_births=breeds or accretes,
         flies=p.particles.enabled or p.dissolve.enabled,
         dissolves=p.dissolve.enabled,
-        needs_neighbors=has_births or p.growth.size_follow > 0 or "crowding" in sources,
+        needs_neighbors=breeds or p.growth.size_follow > 0 or "crowding" in sources,
         fades="opacity" in outputs or "opacity" in roles or p.appearance.keep_opacity,
         sizes=bool({"scale", "thickness"} & outputs) or p.growth.size_follow > 0,
-        colors="color" in outputs,
+        colors="color" in outputs or accretes,
         needs_normals="displacement" in outputs
         or p.dissolve.enabled
         or (reacts and p.growth.rate != 0)
-        or has_births,
+        or breeds,
     )

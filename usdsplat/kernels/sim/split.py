@@ -1,7 +1,7 @@
-"""Divide splats along an axis into pieces that together look like them.
+"""Divide splats along an axis into children that together look like them.
 
-`usdsplat.sim.split_table` has the pieces of a splat that is flat or thin. A splat that is also
-thick, seen along its longest axis, shows all pieces behind one another, so that they are too
+`usdsplat.sim.split_table` has the children of a splat that is flat or thin. A splat that is also
+thick, seen along its longest axis, shows all children behind one another, so that they are too
 opaque there. No choice of opacities suits all views. They are chosen such that opacity times area
 is the splat's in the mean over all directions: by Cauchy, the mean area of the shadow of a convex
 body is a quarter of its surface.
@@ -54,7 +54,7 @@ def surface(x, y, z):
 
 @scalar
 def shared(opacity, along, across, y, z):
-    """Return the opacity of a piece of a splat with half axes 1, y and z, from that of a piece of a
+    """Return the opacity of a child of a splat with half axes 1, y and z, from that of a child of a
     flat splat, for its sizes along and across."""
     now = surface(along, across * y, across * z)
     if not now > _ZERO:
@@ -64,12 +64,12 @@ def shared(opacity, along, across, y, z):
 
 
 @scalar
-def mixed(pieces, at, piece, column, part, wide):
-    """Interpolate a number of a piece between two opacities and between both sizes."""
-    a = pieces[0, at, piece, column]
-    a += part * (pieces[0, at + 1, piece, column] - a)
-    b = pieces[1, at, piece, column]
-    b += part * (pieces[1, at + 1, piece, column] - b)
+def mixed(children, at, child, column, part, wide):
+    """Interpolate a number of a child between two opacities and between both sizes."""
+    a = children[0, at, child, column]
+    a += part * (children[0, at + 1, child, column] - a)
+    b = children[1, at, child, column]
+    b += part * (children[1, at + 1, child, column] - b)
     return a + wide * (b - a)
 
 
@@ -87,12 +87,12 @@ def choose(
         limit: Largest standard deviation [unit], f32. anisotropy: Largest ratio of the longest axis
             to the middle one of splats longer than a quarter of the limit, f32.
         faint: Opacity below which splats are not divided, f32.
-        sigmas: Least and largest size of the pieces of each entry of the table, the least ones
+        sigmas: Least and largest size of the children of each entry of the table, the least ones
             descending, (e, 2) f32.
         axes: Receives the longest axis, (n,) i32.
         entries: Receives the first entry that suffices, or the last; KEEP for splats that are small
             enough, faint or not finite, (n,) i32.
-        sizes: Receives the size of the pieces along the axis, in that of the splat, (n,) f32.
+        sizes: Receives the size of the children along the axis, in that of the splat, (n,) f32.
     """
     axis, size, middle = longest(scales[i, 0], scales[i, 1], scales[i, 2])
     axes[i] = axis
@@ -114,30 +114,30 @@ def divide(
     k, rows, numbers, cuts, table, positions, rotations, scales, opacities, new_positions,
     new_scales, new_opacities,
 ):  # fmt: skip
-    """Compute one piece of a splat.
+    """Compute one child of a splat.
 
     Args:
-        rows: Row of the splat, (m,) i64. numbers: Which of its pieces it is, (m,) i32.
+        rows: Row of the splat, (m,) i64. numbers: Which of its children it is, (m,) i32.
         cuts: (axes, entries, sizes) of the splats, see `choose`.
-        table: (firsts, sigmas, opacities, pieces) of a `SplitTable`.
+        table: (firsts, sigmas, opacities, children) of a `SplitTable`.
         positions, scales: (n, 3) f32. rotations: (n, 4) f32. opacities: (n,) f32.
         new_positions, new_scales: (m, 3) f32. new_opacities: (m,) f32.
     """
     axes, entries, sizes = cuts
-    firsts, sigmas, nodes, pieces = table
+    firsts, sigmas, nodes, children = table
     i = rows[k]
     axis, entry, along, whole = axes[i], entries[i], sizes[i], opacities[i]
     least, most = sigmas[entry, 0], sigmas[entry, 1]
-    piece = firsts[entry] + numbers[k]
+    child = firsts[entry] + numbers[k]
     at = 0
     while (at < nodes.shape[0] - 2) & (whole > nodes[at + 1]):
         at += 1
     part = (whole - nodes[at]) / (nodes[at + 1] - nodes[at])
     part = min(_ONE, max(_ZERO, part))
     wide = (along - least) / (most - least)
-    offset = mixed(pieces, at, piece, 0, part, wide)
-    across = mixed(pieces, at, piece, 1, part, wide)
-    opacity = min(_ONE, whole * mixed(pieces, at, piece, 2, part, wide))
+    offset = mixed(children, at, child, 0, part, wide)
+    across = mixed(children, at, child, 1, part, wide)
+    opacity = min(_ONE, whole * mixed(children, at, child, 2, part, wide))
     size = scales[i, axis]
     y, z = scales[i, (axis + 1) % 3] / size, scales[i, (axis + 2) % 3] / size
     new_opacities[k] = shared(opacity, along, across, y, z)

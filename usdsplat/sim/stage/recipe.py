@@ -18,6 +18,7 @@ from usdsplat import schema
 from usdsplat.core.cloud import F32, F64, SplatCloud
 from usdsplat.core.errors import StageError
 from usdsplat.core.findings import Finding
+from usdsplat.schema.stage_values import up_axis
 from usdsplat.sim.parameters import (
     NAMESPACE,
     DeformParameters,
@@ -34,7 +35,7 @@ from usdsplat.sim.stage.collections import find_simulations
 from usdsplat.sim.stage.findings import findings
 from usdsplat.sim.stage.parameters import FRAME, instances, read, read_all
 from usdsplat.sim.stage.skeletons import Rigs
-from usdsplat.sim.stage.spaces import Space
+from usdsplat.sim.stage.spaces import Space, up_in
 from usdsplat.sim.stage.targets import SurfaceReader, related
 from usdsplat.sim.stage.trees import TreeCut
 
@@ -157,10 +158,12 @@ class StageRecipe:
         """
         with self._reading:
             code = Usd.TimeCode(time)
+            to_world = self._space.to_world(code)
             return Moment(
                 time=time,
                 parameters=self.parameters(time),
-                to_world=self._space.to_world(code),
+                to_world=to_world,
+                up=up_in(to_world, up_axis(self._simulation.GetStage())),
                 affectors=tuple(each.at(code) for each in self._affectors),
                 target=self._target.at(code) if self._target else None,
                 relax_surface=self._relax_surface.at(code) if self._relax_surface else None,
