@@ -17,8 +17,11 @@ import numpy.typing as npt
 from usdsplat.core.cloud import F32, I32, I64, SplatCloud
 from usdsplat.kernels.device import Device
 from usdsplat.kernels.sim import split as kernels
+from usdsplat.sim.carriers import MOST, expected_spacing
+from usdsplat.sim.parameters import Parameters
 from usdsplat.sim.rows import largest
 from usdsplat.sim.split_table import TABLE
+from usdsplat.sim.uses import Uses
 
 FAINT = 0.1
 """Opacity below which splats are not divided. They are no part of a surface, and their children
@@ -208,6 +211,29 @@ def refined(
     if not done:
         return cloud, parents
     return _joined(cloud, done[0], [*done[1:], (shapes, parents)])
+
+
+def spacing_of(device: Device, cloud: SplatCloud, parameters: Parameters, uses: Uses) -> float:
+    """Return the spacing of what acts on a field's splats: that of its carriers, as authored or as
+    it would be; it is fine unless there is nothing but matter.
+
+    Args:
+        device: Runs the kernels.
+        cloud: The capture at rest.
+        parameters: Its simulation.
+        uses: What this needs.
+
+    Returns:
+        [unit]; 0 if it cannot be told.
+    """
+    p = parameters
+    if p.carriers.spacing > 0:
+        return p.carriers.spacing
+    if uses.reacts and p.rd.pattern_scale > 0:
+        return p.rd.pattern_scale
+    is_coarse = uses.coheres and not (uses.reacts or uses.dissolves or uses.deforms)
+    most = p.carriers.count if is_coarse else MOST
+    return expected_spacing(device, cloud, seed=p.sim.seed, most=most)
 
 
 def oversized(

@@ -23,8 +23,10 @@ from usdsplat.kernels.device import Device
 from usdsplat.kernels.devices import open_device
 from usdsplat.sim.parameters import Parameters
 from usdsplat.sim.stage.bake import Bake
+from usdsplat.sim.stage.bake_layers import refined_of
 from usdsplat.sim.stage.provenance import Provenance, input_hash, parameter_hash, parameter_lines
 from usdsplat.sim.stage.recipe import UNGUARDED
+from usdsplat.sim.stage.refinement import Refining
 from usdsplat.sim.stage.report import Clock, Report, peak_memory
 from usdsplat.sim.stage.simulation import Simulation, baked_fields
 
@@ -82,7 +84,11 @@ def simulate(
         if device.remark:
             findings.say(device.remark)
         try:
-            simulation = Simulation(stage, frames, device=device, lap=clock.lap, reading=reading)
+            known = refined_of(target) if options.existing == "resume" else None
+            simulation = Simulation(
+                stage, frames, device=device, lap=clock.lap, reading=reading,
+                refining=Refining(known=known),
+            )  # fmt: skip
             bake, provenance = _open_bake(simulation, target, resume=options.existing == "resume")
             findings.extend(simulation.findings)
             report = _run(simulation, bake, provenance, clock, progress, findings)
@@ -125,7 +131,7 @@ def _run(
     if left:
         progress.step("beginning", 0, 0)
         simulation.begin(states)
-        provenance.resolved.update({path: s.resolved for path, s in simulation.solvers.items()})
+        provenance.resolved.update({path: simulation.resolved(path) for path in simulation.recipes})
         findings.extend(simulation.findings)
     findings.check()
     with bake:
@@ -173,15 +179,14 @@ def _common(simulation: Simulation) -> Parameters:
 
 def _provenance(simulation: Simulation, parameters: Parameters) -> Provenance:
     """Return what a bake is made of."""
-    sim, stage, frames = parameters.sim, simulation.stage, simulation.frames
+    sim, stage, frames = parameters.sim, simulation.captured, simulation.frames
     with simulation.reading:
         opinions, lines = parameter_hash(stage, frames), parameter_lines(stage, frames)
         rate, edits = stage.GetTimeCodesPerSecond(), stage.GetSessionLayer().identifier
-    chunks = [file for each in simulation.recipes.values() if each.cut for file in each.cut.files]
     return Provenance(
         param_hash=opinions,
         parameters=lines,
-        input_hash=input_hash(stage, [edits], chunks, reading=simulation.reading),
+        input_hash=input_hash(stage, [edits], simulation.chunks, reading=simulation.reading),
         seed=sim.seed,
         substeps=sim.substeps,
         dt=1.0 / (rate * sim.substeps),
