@@ -189,7 +189,8 @@ class Carriers:
 
 
 def carriers_of(device: Device, recipe: Recipe, uses: Uses, first: Moment) -> Carriers | None:
-    """Return the carriers of a field, one set for pattern and matter; None if nothing needs them.
+    """Return the carriers of a field, one set for pattern, matter and transport, or None if nothing
+    needs them.
 
     Args:
         device: Runs the kernels.
@@ -199,7 +200,7 @@ def carriers_of(device: Device, recipe: Recipe, uses: Uses, first: Moment) -> Ca
     """
     p = first.parameters
     has_pattern = uses.reacts and p.rd.domain == "carrier"
-    if not (has_pattern or uses.coheres):
+    if not (has_pattern or uses.coheres or uses.transports):
         return None
     distance, most = p.carriers.spacing, MOST
     if distance <= 0 and has_pattern:

@@ -64,7 +64,7 @@ class CarrierRecipe:
             each if each.mask is None else replace(each, mask=each.mask[self._rows])
             for each in moment.deformers
         )
-        return replace(moment, deformers=masked, target=None)
+        return replace(moment, deformers=masked, target=None, becomes=None)
 
 
 class MatterField:

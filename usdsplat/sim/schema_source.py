@@ -240,7 +240,8 @@ def _attribute(lead: str, item: Knob) -> str:
     """Return the declaration of one knob."""
     uniform = "uniform " if item.uniform else ""
     name = f"{lead}{camel(item.name)}"
-    lines = [f"    {uniform}{usd_type(item)} {name} = {_literal(item.default)} (\n"]
+    line = f"    {uniform}{usd_type(item)} {name} = {_literal(item.default)} (\n"
+    lines = [line if len(line) <= 100 else line.replace(" = [", " = [\n        ")]
     if item.choices is not None:
         tokens = ", ".join(f'"{choice}"' for choice in item.choices)
         lines += [f"        {line}\n" for line in _folded(f"allowedTokens = [{tokens}]")]
@@ -268,7 +269,8 @@ def _literal(value: Any) -> str:
     if isinstance(value, str):
         return f'"{value}"'
     inner = ", ".join(_literal(part) for part in value)
-    return f"({inner})" if value else "[]"
+    is_array = not value or isinstance(value[0], tuple)
+    return f"[{inner}]" if is_array else f"({inner})"
 
 
 if __name__ == "__main__":

@@ -85,9 +85,9 @@ class Solver:
         self.state = State.of(rest, recipe.selection) if state is None else state
         if state is None and parents is not None:
             self.state.parents = parents
-        self._is_fixed = not (uses.grows or uses.has_births)
-        self._target_pose = TargetPose(device, recipe, first)
+        self._is_fixed = not (uses.grows or uses.varies)
         carriers = carriers_of(device, recipe, uses, first)
+        self._target_pose = TargetPose(device, recipe, first, carriers)
         self._pattern = Pattern(device, rest, uses, first, carriers)
         self._accretion: Accretion | None = None
         if uses.accretes and carriers is not None:
@@ -116,7 +116,7 @@ class Solver:
                 bound.keep(self.state)
             if self._accretion is not None:
                 self._accretion.begin(self.state)
-            self._target_pose.begin(self.state, first, changes=uses.has_births)
+            self._target_pose.begin(self.state, first, changes=uses.varies)
             self._pattern.begin(self.state, first)
         else:
             self._target_pose.restore(state)
@@ -176,7 +176,7 @@ class Solver:
             wanted, gradient = self._matter.carried(state, moment, wanted, gradient)
         frame = self._evaluator.frame(
             state,
-            moment,
+            self._target_pose.stretched(moment),
             wanted,
             gradient,
             normals=self._pattern.normals(state),
@@ -184,6 +184,7 @@ class Solver:
             fades=self._fades(moment),
             seconds=self.seconds,
         )
+        frame = self._target_pose.recolored(frame)
         self._lap("shape")
         if self._last_on == state.step:
             return frame
@@ -249,6 +250,8 @@ class Solver:
             before = self._recipe.at(line.time(state.step - 1))
             seconds = line.seconds(state.step - 1)
             self._targets = self._target_pose.at(state, before, seconds)[0]
+        if self._uses.joins:
+            self._join(after, line.seconds(state.step))
         self._moment, self._last_on = after, state.step
         sim, step = after.parameters.sim, Step(self.seconds, self._dt, self._seed)
         now, dt = step.now, step.dt
@@ -285,6 +288,17 @@ class Solver:
         elif line.is_frame(state.step):  # splats must end outside; their carriers were pushed
             solid = self._matter.affectors(after)
             self._contact(state.positions.copy(), solid, solid)
+
+    def _join(self, moment: Moment, now: float) -> None:
+        """Let the splats of another capture join, when they begin to appear."""
+        cloud, state, n = self._target_pose.joining(moment, now), self.state, len(self.state)
+        if cloud is None:
+            return
+        population.join(state, cloud, now=now)
+        self._target_pose.append_joined(len(cloud))
+        self._targets = self._target_pose.at(state, self._moment, self.seconds)[0]
+        state.positions[n:] = self._targets[n:]
+        self._lap("joining")
 
     def _update_population(
         self, moment: Moment, step: Step, influence: Influence, started: F32, *, is_first: bool
@@ -409,6 +423,7 @@ class Solver:
         """Return the factors of opacity and of size at a time."""
         dimming = tuple(each for each in moment.affectors if each.parameters.role == "opacity")
         alpha = self._influences.at(dimming, self.state.positions).opacity
+        alpha = _product(alpha, self._target_pose.opacity)
         size: F32 | None = None
         if self._uses.has_births:
             alphas, sizes = population.fades(self.state, moment.parameters.growth, now=self.seconds)

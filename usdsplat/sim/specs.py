@@ -122,6 +122,10 @@ class Moment:
     """Ordered by path; the same ones at every time."""
     target: Surface | None = None
     """Mesh that splats conform to."""
+    becomes: SplatCloud | None = None
+    """Capture that splats become, in the simulation's space; the same one at every time."""
+    order: F32 | None = None
+    """Primvar of `conform:orderPrimvar`, shape (n,)."""
     relax_surface: Surface | None = None
     """Mesh that redistribution keeps splats on."""
     deformers: tuple[Deformer, ...] = ()

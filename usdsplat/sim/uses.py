@@ -42,13 +42,17 @@ class Uses:
     """Whether splats are divided while they move."""
     coheres: bool = False
     """Whether splats follow matter."""
+    transports: bool = False
+    """Whether splats move onto a target by transport of the field's carriers."""
+    joins: bool = False
+    """Whether the splats of another capture join."""
     needs_normals: bool = False
     """Whether normals are needed, with their outer side."""
 
     @property
     def varies(self) -> bool:
         """Whether the number of splats may change."""
-        return self.has_births or self.splits
+        return self.has_births or self.splits or self.joins
 
     @property
     def writes(self) -> frozenset[str]:
@@ -57,6 +61,8 @@ class Uses:
         turns = self.deforms or self.collides or self.coheres
         if turns or self.varies:
             found |= {"rotations", "scales", "sh"}
+        if self.joins:
+            found.add("opacities")
         if self.sizes or self.dissolves or self.accretes:
             found.add("scales")
         if self.fades or self.varies or self.dissolves:
@@ -90,15 +96,18 @@ def uses_at(moment: Moment, has_skin: bool) -> Uses:
     reacts = p.rd.enabled
     breeds = reacts and p.growth.birth_rate > 0
     accretes = reacts and p.accretion.enabled
-    conforms = moment.target is not None and p.conform.weight > 0
+    has_target = moment.target is not None or moment.becomes is not None
+    conforms = has_target and p.conform.weight > 0
     asks = reacts or conforms or p.matter.enabled or p.dissolve.enabled
     refines = refine.enabled == "on" or (refine.enabled == "auto" and asks)
     return Uses(
         refines=refines,
         splits=refines and math.isfinite(refine.stretch),
-        deforms=bool(moment.deformers) or has_skin or moment.target is not None,
+        deforms=bool(moment.deformers) or has_skin or has_target,
         collides="collide" in roles,
         coheres=p.matter.enabled,
+        transports=has_target and p.conform.mode == "transport",
+        joins=moment.becomes is not None,
         reacts=reacts,
         grows=reacts and p.growth.rate != 0,
         breeds=breeds,

@@ -21,6 +21,7 @@ from usdsplat.core.findings import Finding
 from usdsplat.schema.stage_values import up_axis
 from usdsplat.sim.parameters import (
     NAMESPACE,
+    ConformParameters,
     DeformParameters,
     DriverParameters,
     Parameters,
@@ -31,6 +32,7 @@ from usdsplat.sim.specs import Deformer, Driver, Moment, SkinBinding
 from usdsplat.sim.stage import collections, fields
 from usdsplat.sim.stage.affectors import AffectorReader
 from usdsplat.sim.stage.binding import SKELETON, BindingReader
+from usdsplat.sim.stage.captures import TARGET, target_capture, with_degree
 from usdsplat.sim.stage.collections import find_simulations
 from usdsplat.sim.stage.findings import findings
 from usdsplat.sim.stage.parameters import FRAME, instances, read, read_all
@@ -44,7 +46,6 @@ __all__ = ["UNGUARDED", "StageRecipe", "find_simulations", "recipes"]
 UNGUARDED: AbstractContextManager[Any] = nullcontext()
 """Lock for a stage that only one thread uses."""
 
-TARGET = f"{NAMESPACE}:conform:target"
 RELAX_SURFACE = f"{NAMESPACE}:relax:surface"
 
 
@@ -122,7 +123,11 @@ class StageRecipe:
         self._selection = fields.read_selection(field, len(self._rest), self._space.start)
         members = collections.affectors(stage, simulation)
         self._affectors = [AffectorReader(prim, self._space, rigs) for prim in members]
-        self._target = self._surface(TARGET)
+        self._becomes = target_capture(simulation, self._space)
+        self._target = None if self._becomes else self._surface(TARGET)
+        if self._becomes is not None:
+            self._rest = with_degree(self._rest, self._becomes)
+        self._order = self._read_order()
         self._relax_surface = self._surface(RELAX_SURFACE)
         self._frames = {
             name: related(simulation, f"{NAMESPACE}:deform:{name}:{FRAME}")
@@ -170,6 +175,8 @@ class StageRecipe:
                 up=up_in(to_world, up_axis(self._simulation.GetStage())),
                 affectors=tuple(each.at(code) for each in self._affectors),
                 target=self._target.at(code) if self._target else None,
+                becomes=self._becomes,
+                order=self._order,
                 relax_surface=self._relax_surface.at(code) if self._relax_surface else None,
                 deformers=self._deformers(code),
                 drivers=tuple(self._driver(name, code) for name in self._drivers),
@@ -192,6 +199,17 @@ class StageRecipe:
     def _surface(self, name: str) -> SurfaceReader | None:
         prim = related(self._simulation, name)
         return SurfaceReader(prim, self._space, self._rigs) if prim else None
+
+    def _read_order(self) -> F32 | None:
+        """Return the primvar that says when splats start to conform."""
+        code, lead = Usd.TimeCode.Default(), f"{NAMESPACE}:conform"
+        name = read(self._simulation, ConformParameters, lead, code).order_primvar
+        if not name or (self._target is None and self._becomes is None):
+            return None
+        found = fields.per_splat(self._field, name, len(self._rest), self._space.start)
+        if found is None:
+            raise fields.missing(self._simulation, f"{lead}:orderPrimvar", name, self._field)
+        return found
 
     def _bind(self) -> BindingReader | None:
         skeleton = related(self._simulation, SKELETON)

@@ -59,9 +59,8 @@ def author(
     part, path = SampleLayer(layer), str(field.GetPath())
     is_stock = schema.form_of(field) != "packed" and cut is None
     part.prim(path, "" if is_stock else tokens.STOCK_TYPE)
-    if not is_stock:
-        degree = part.attribute(path, tokens.SH_DEGREE, _Type.Int, uniform=True)
-        degree.default = cloud.sh_degree
+    degree = part.attribute(path, tokens.SH_DEGREE, _Type.Int, uniform=True)
+    degree.default = cloud.sh_degree
     if cut is not None:
         author_replacement(part, path, cut.rasterize_mode, replaced_root(field))
     is_half = False
