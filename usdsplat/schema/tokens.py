@@ -45,6 +45,7 @@ SH_COEFFICIENTS_HALF = "radiance:sphericalHarmonicsCoefficientsh"
 
 RASTERIZE_MODE = "splat:rasterizeMode"
 FOOTPRINT = "splat:sampling:footprint"
+PARENTS = "splat:parents"
 PACKING = "splat:packing"
 PACKED = "splat:packed"
 PACKED_HARMONICS = "splat:packedHarmonics"

@@ -67,6 +67,18 @@ NEAREST = 8
 WIDEN = 1.2
 """Radius of the weights of these carriers, as a multiple of the distance to the farthest."""
 
+ASKED = 20_000
+"""Number of splats whose nearest neighbour shows the distance of all."""
+
+CELL = 1.3
+"""Edge of the cells that measure an area, in distances of points on it."""
+
+CELL_HASH = (73_856_093, 19_349_663_017, 83_492_791_471)
+"""Primes with which cells are numbered; equal numbers of different cells are rare enough."""
+
+PACKED = 0.47
+"""Number of carriers whose distance is the edge of these cells, per occupied cell."""
+
 NEAR, WEIGHTS = "carriers:near", "carriers:weights"
 """In `State.memory`: carriers that a splat follows and reads, and their weights, (n, 8)."""
 REACH = 3.0
@@ -312,3 +324,38 @@ def _relax(
         neighbors=NeighborsParameters(target=target, h_min=radius, h_max=radius),
     )
     return relax(device, points, None, parameters, sweeps)[0]
+
+
+def expected_spacing(
+    device: Device, cloud: SplatCloud, *, seed: int = 0, most: int = MOST
+) -> float:
+    """Return about the spacing that `Carriers.of` would choose, in a fraction of its time.
+
+    The area of the capture is that of the cells that points on its ellipses are in.
+
+    Args:
+        device: Runs the kernels.
+        cloud: The capture at rest.
+        seed: Seed of the random numbers.
+        most: Largest number of carriers.
+
+    Returns:
+        [unit]; 0 if all splats that are part of a surface are at one point.
+    """
+    rows = np.flatnonzero(_is_surface(cloud))
+    if not len(rows):
+        rows = np.flatnonzero(np.isfinite(cloud.positions).all(axis=1))
+    ellipses = _Ellipses.of(cloud, rows)
+    some = ellipses.centres[:: max(1, len(rows) // ASKED)]
+    apart = nearest(device, ellipses.centres, some, 2)[1][:, -1]
+    apart = apart[np.isfinite(apart) & (apart > 0)]
+    if not len(apart):
+        return 0.0
+    distance = float(np.median(apart))
+    drawn = int(ellipses.counts(distance).sum())
+    cell = CELL * distance * math.sqrt(max(1.0, drawn / (4 * most)))
+    points, _ = ellipses.points(device, cell / CELL, seed)
+    x, y, z = np.floor(points / np.float32(cell)).astype(np.int64).T
+    occupied = len(np.unique(x * CELL_HASH[0] ^ y * CELL_HASH[1] ^ z * CELL_HASH[2]))
+    wanted = PACKED * occupied * (cell / distance) ** 2
+    return PER_DISTANCE * distance * math.sqrt(max(1.0, wanted / most))

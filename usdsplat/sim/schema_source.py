@@ -54,6 +54,13 @@ SIMULATION = SchemaClass(
 
 SINGLE = (
     SchemaClass(
+        name="SplatSimRefineAPI",
+        doc="Refinement: splats that are too large for what happens to them are divided into "
+        "children that look like them, before the first frame and where they are stretched. The "
+        "refined capture is a layer of its own, between the capture and the results.",
+        groups=("refine",),
+    ),
+    SchemaClass(
         name="SplatSimGrowthAPI",
         doc="A pattern on the splats, and growth, births and deaths that depend on it.",
         groups=("rd", "relax", "growth", "accretion"),

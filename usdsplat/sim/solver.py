@@ -8,6 +8,7 @@ of steps: times are computed from it and never accumulated.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -53,6 +54,9 @@ class Solver:
         start: The first frame [time code].
         state: State to continue from, made by `checkpoint`; None starts anew.
         lap: Receives the name of each piece of work, for timing.
+        limit: Standard deviation above which splats are large [unit]; they are divided while they
+            move, if the parameters ask for it.
+        parents: Ids of the parents of the field's splats, -1 for none, shape (n,); None for none.
 
     Raises:
         StageError: If something on the stage cannot be simulated.
@@ -67,6 +71,8 @@ class Solver:
         start: float,
         state: State | None = None,
         lap: Lap = lambda name: None,
+        limit: float = math.inf,
+        parents: I64 | None = None,
     ) -> None:
         rest = recipe.rest
         if not len(rest):
@@ -77,7 +83,9 @@ class Solver:
         self._seed, self._dt = sim.seed, self._timeline.dt
         first = recipe.at(self._timeline.time(0))
         self.state = State.of(rest, recipe.selection) if state is None else state
-        self._is_fixed = not (uses.grows or uses.has_births or uses.joins)
+        if state is None and parents is not None:
+            self.state.parents = parents
+        self._is_fixed = not (uses.grows or uses.varies)
         carriers = carriers_of(device, recipe, uses, first)
         self._target_pose = TargetPose(device, recipe, first, carriers)
         self._pattern = Pattern(device, rest, uses, first, carriers)
@@ -108,7 +116,7 @@ class Solver:
                 bound.keep(self.state)
             if self._accretion is not None:
                 self._accretion.begin(self.state)
-            self._target_pose.begin(self.state, first, changes=uses.has_births)
+            self._target_pose.begin(self.state, first, changes=uses.varies)
             self._pattern.begin(self.state, first)
         else:
             self._target_pose.restore(state)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import reduce
@@ -35,6 +36,10 @@ class Uses:
     """Whether scales change other than by deformation."""
     colors: bool = False
 
+    refines: bool = False
+    """Whether large splats are divided before the first frame."""
+    splits: bool = False
+    """Whether splats are divided while they move."""
     coheres: bool = False
     """Whether splats follow matter."""
     transports: bool = False
@@ -45,17 +50,22 @@ class Uses:
     """Whether normals are needed, with their outer side."""
 
     @property
+    def varies(self) -> bool:
+        """Whether the number of splats may change."""
+        return self.has_births or self.splits or self.joins
+
+    @property
     def writes(self) -> frozenset[str]:
         """Names of the cloud's arrays that may change."""
         found = {"positions"}
         turns = self.deforms or self.collides or self.coheres
-        if turns or self.has_births:
+        if turns or self.varies:
             found |= {"rotations", "scales", "sh"}
         if self.joins:
             found.add("opacities")
         if self.sizes or self.dissolves or self.accretes:
             found.add("scales")
-        if self.fades or self.has_births or self.dissolves:
+        if self.fades or self.varies or self.dissolves:
             found.add("opacities")
         if self.colors:
             found.add("sh")
@@ -77,7 +87,7 @@ def uses_over(recipe: Recipe, times: Iterable[float]) -> Uses:
 
 def uses_at(moment: Moment, has_skin: bool) -> Uses:
     """Return what is needed at one time."""
-    p = moment.parameters
+    p, refine = moment.parameters, moment.parameters.refine
     if not p.sim.enabled:
         return Uses()
     roles = {each.parameters.role for each in moment.affectors if each.parameters.enabled}
@@ -87,7 +97,12 @@ def uses_at(moment: Moment, has_skin: bool) -> Uses:
     breeds = reacts and p.growth.birth_rate > 0
     accretes = reacts and p.accretion.enabled
     has_target = moment.target is not None or moment.becomes is not None
+    conforms = has_target and p.conform.weight > 0
+    asks = reacts or conforms or p.matter.enabled or p.dissolve.enabled
+    refines = refine.enabled == "on" or (refine.enabled == "auto" and asks)
     return Uses(
+        refines=refines,
+        splits=refines and math.isfinite(refine.stretch),
         deforms=bool(moment.deformers) or has_skin or has_target,
         collides="collide" in roles,
         coheres=p.matter.enabled,

@@ -38,6 +38,11 @@ CODES: dict[str, Code] = {
         "a reaction-diffusion pattern is finer than the splats can show",
         "increase splatSim:rd:patternScale, or use more splats",
     ),
+    "large-splats": Code(
+        "note",
+        "splats stay larger than splatSim:refine:maxSize, because there are enough already",
+        "increase splatSim:refine:budget or splatSim:refine:maxSize",
+    ),
     "trapped-splats": Code(
         "warning",
         "splats remain inside affectors",

@@ -16,6 +16,7 @@ from usdsplat.core.knobs import Knob, checked, checked_value, knobs
 from usdsplat.sim.parameters.accretion import AccretionParameters
 from usdsplat.sim.parameters.affector import AffectorParameters
 from usdsplat.sim.parameters.matter import CarriersParameters, MatterParameters
+from usdsplat.sim.parameters.refine import RefineParameters
 from usdsplat.sim.parameters.result import AppearanceParameters, BakeParameters, DriverParameters
 from usdsplat.sim.parameters.shape import (
     ConformParameters,
@@ -52,6 +53,7 @@ __all__ = [
     "Parameters",
     "ParticlesParameters",
     "RdParameters",
+    "RefineParameters",
     "RelaxParameters",
     "SettleParameters",
     "SimParameters",
@@ -71,6 +73,7 @@ class Parameters:
 
     sim: SimParameters = field(default_factory=SimParameters)
     neighbors: NeighborsParameters = field(default_factory=NeighborsParameters)
+    refine: RefineParameters = field(default_factory=RefineParameters)
     carriers: CarriersParameters = field(default_factory=CarriersParameters)
     rd: RdParameters = field(default_factory=RdParameters)
     relax: RelaxParameters = field(default_factory=RelaxParameters)
@@ -89,6 +92,7 @@ class Parameters:
 GROUPS: dict[str, type] = {
     "sim": SimParameters,
     "neighbors": NeighborsParameters,
+    "refine": RefineParameters,
     "carriers": CarriersParameters,
     "rd": RdParameters,
     "relax": RelaxParameters,

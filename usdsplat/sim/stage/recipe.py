@@ -7,7 +7,7 @@ change while its recipes are in use.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from typing import Any
 
@@ -56,6 +56,7 @@ def recipes(
     start: float | None = None,
     reading: AbstractContextManager[Any] = UNGUARDED,
     kind: Callable[..., StageRecipe] | None = None,
+    paths: Sequence[str] | None = None,
 ) -> tuple[StageRecipe, ...]:
     """Return one recipe for each field of a simulation, ordered by path.
 
@@ -66,6 +67,7 @@ def recipes(
             simulation's own start time takes precedence.
         reading: Entered whenever the stage is read; see `StageRecipe`.
         kind: Class of the recipes; None is `StageRecipe`.
+        paths: Paths of the fields; None is the simulation's own collection.
 
     Raises:
         UsdSplatError: If something that the simulation needs is missing or cannot be used.
@@ -74,6 +76,8 @@ def recipes(
     rigs = Rigs()
     with reading:
         found, left_out = collections.splats(stage, simulation)
+        if paths is not None:
+            found = [stage.GetPrimAtPath(path) for path in paths]
         first = stage.GetStartTimeCode() if start is None else start
         return tuple(make(simulation, prim, rigs, first, left_out, reading) for prim in found)
 
