@@ -78,14 +78,19 @@ def findings_of(
     stats = FrameStats()
     if has_trees or scene.drawn():
         stats = _stats_of(engine, plan, view)
-    yield from unread(engine)
-    if empty := remarks.nothing_drawn(engine, view, stats):
-        yield empty
+    yield from of_drawn(engine, view, stats)
 
 
-def unread(engine: Engine) -> Iterator[Finding]:
-    """Yield a finding on each splat tree of which the last picture could not read a chunk."""
+def of_drawn(engine: Engine, view: View, stats: FrameStats) -> Iterator[Finding]:
+    """Yield what a picture, the last one of the engine, asked for and did not get: chunks and nodes
+    of splat trees, and anything to draw."""
     yield from (found for found in engine.findings if found.code == "broken-chunk")
+    for found in (
+        remarks.unread_nodes(view, stats.missing),
+        remarks.nothing_drawn(engine, view, stats),
+    ):
+        if found is not None:
+            yield found
 
 
 def lens_findings(engine: Engine, plan: PicturePlan) -> Iterator[Finding]:

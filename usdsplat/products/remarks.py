@@ -66,6 +66,15 @@ def wide_lens(plan: PicturePlan, camera: CameraSpec) -> Finding | None:
     return finding("wide-lens", camera.path, found, "a lens of at most a tenth of that distance")
 
 
+def unread_nodes(view: View, missing: int) -> Finding | None:
+    """Return a finding if a picture has coarser nodes of splat trees in place of `missing` ones."""
+    if not missing:
+        return None
+    # the number is not part of what was found, which is said once for all frames
+    found, where = "a picture that does not wait for nodes", view.camera.path or "/"
+    return finding("unread-nodes", where, found, f"{counted(missing, 'more node')}, not read yet")
+
+
 def repeated_ids(engine: Engine, plan: PicturePlan) -> Iterator[Finding]:
     """Yield a finding on each drawn splat tree whose splats and proxies are more than the element
     ids of a picture that has them."""
