@@ -7,8 +7,10 @@ from pathlib import Path
 import pytest
 from pxr import Sdf, Usd, UsdRender
 
+from tests.delegate.stages import add_camera
 from tests.schema.clouds import cloud
-from tests.trees import little_tree
+from tests.trees import little_tree, rows_of
+from usdsplat import schema
 from usdsplat.cli.main import main
 
 FRAMES = ("--resolution", "64x48", "--device", "cpu", "--frames", "1-2")
@@ -38,6 +40,35 @@ def test_an_unfinished_picture_is_one_finding(
         assert said_of_four in each
     assert main(command) == 0
     assert "unread-nodes" not in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("fields", [0, 20])
+@pytest.mark.parametrize("command", ["render", "info", "convert"])
+def test_a_budget_below_the_roots_is_one_finding(
+    tree: Path, capsys: pytest.CaptureFixture, command: str, fields: int
+) -> None:
+    """Oracle: by hand: the root has 14 splats; of fields, a picture draws one splat at least, and a
+    capture has all. With the number in the sentence there is no finding."""
+    stage = Usd.Stage.Open(str(tree))
+    add_camera(stage, "/tree/Cam", eye=(0.0, 0.0, 9.0))
+    if fields:
+        schema.author(stage, "/tree/field", rows_of(cloud(n=200, degree=1), slice(fields)))
+    stage.Save()
+    kept = fields if command == "convert" else min(1, fields)
+    words = {
+        "render": ["-o", str(tree.with_name("a.png")), *FRAMES[:4]],
+        "info": [],
+        "convert": [str(tree.with_name("a.ply"))],
+    }
+    for budget in (5, 14 + kept - 1, 14 + kept):
+        flags = ["--camera", "Cam", "--splat-budget", str(budget), "--strict"]
+        status = main([command, str(tree), *words[command], *flags])
+        said = capsys.readouterr().err
+        assert status == (budget < 14 + kept)
+        assert said.count("[small-budget]") == status
+        expected = f"/tree/Cam: found a splat budget of {budget}, expected at least {14 + kept}, "
+        assert not status or expected in said
+        assert not (status and list(tree.parent.glob("a.p*")))
 
 
 def test_validate_says_that_a_product_does_not_wait(

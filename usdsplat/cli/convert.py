@@ -97,7 +97,7 @@ def run(options: Options, reporter: Reporter) -> int:
     with ExitStack() as during:
         time = time_code(options.stage_input.frame)
         stages = during.enter_context(_opened(sources, time, reporter))
-        trees, time = _trees(options, stages, time)
+        trees, time = _trees(options, stages, time, reporter)
         during.enter_context(made_folder(Path(target).parent))
         if reporter.findings.is_strict:
             during.enter_context(output_group())
@@ -145,7 +145,7 @@ def run(options: Options, reporter: Reporter) -> int:
 
 
 def _trees(
-    options: Options, stages: Sequence[Stage], time: float | None
+    options: Options, stages: Sequence[Stage], time: float | None, reporter: Reporter
 ) -> tuple[TreeChoice, float | None]:
     """Return what to read of splat trees, and when: the view of a camera has a default time."""
     from usdsplat.interchange import TreeChoice
@@ -157,7 +157,9 @@ def _trees(
 
     size = resolution_of(view.resolution)
     request = ViewRequest(camera=view.camera, resolution=size, settings=given(view))
-    return choice_of(stages[0], request, time)
+    found = choice_of(stages[0], request, time, findings=reporter.findings)
+    reporter.findings.check()
+    return found
 
 
 @contextmanager

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from usdsplat.products.report import Report
 
 
-LevelFlags: Any = flags_of(RenderSettings, ("lod_error",))
+LevelFlags: Any = flags_of(RenderSettings, ("lod_error", "splat_budget"))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -104,7 +104,9 @@ def _stage(options: Options, reporter: Reporter) -> dict[str, Any]:
     with reporter.progress() as progress:
         stage = open_stage(options.file, options.opening, reporter)
         reporter.findings.extend(opening_findings(stage, time))
-        described = summary.of_stage(stage, time, view=view, progress=progress)
+        described = summary.of_stage(
+            stage, time, view=view, findings=reporter.findings, progress=progress
+        )
     described = {"file": str(options.file), **described}
     if options.plot:
         from usdsplat.products import report

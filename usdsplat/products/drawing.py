@@ -183,7 +183,7 @@ def draw_frames(
         if engine.remark != said:  # a GPU has failed in the meantime
             said = engine.remark
             findings.say(said)
-        findings.extend(of_drawn(engine, view, stats), time=since)
+        findings.extend(of_drawn(engine, view, plan.settings, stats), time=since)
         yield DrawnPicture(
             path=path,
             frame=frame,

@@ -122,6 +122,12 @@ CODES: dict[str, Code] = {
         "a camera has a shutter or a lens, but one sample shows no blur",
         "render with several samples, for example --samples 64",
     ),
+    "small-budget": Code(
+        "warning",
+        "a splat budget is less than what the coarsest levels of the splat trees in view need",
+        "raise the budget to the number in the sentence",
+        "it is exceeded",
+    ),
     "unread-nodes": Code(
         "warning",
         "a picture does not wait for the nodes of splat trees, and some were not read yet",
