@@ -43,6 +43,11 @@ def test_info_says_what_a_view_loads(tree: Path, capsys: pytest.CaptureFixture) 
     assert main(["info", str(tree), "--camera", "At"]) == 0
     lines = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
     assert {"camera /tree/At", "resolution 1920 1080", "lod error 1"} < set(lines)
+    assert main(["info", str(tree), "--camera", "At", "--resolution", "64x48", "--json"]) == 0
+    few = json.loads(capsys.readouterr().out)["views"][0]
+    assert few["resolution"] == [64, 48] and few["splats"] < 200  # larger pixels, the same error
+    assert main(["info", str(tree), "--camera", "At", "--resolution", "64"]) == 2
+    assert "--resolution: found '64', expected two numbers of pixels" in capsys.readouterr().err
     assert main(["info", str(tree), "--camera", "No"]) == 2
     said = "--camera: found 'No', expected one of /tree/At, /tree/Away"
     assert said in capsys.readouterr().err
@@ -50,7 +55,7 @@ def test_info_says_what_a_view_loads(tree: Path, capsys: pytest.CaptureFixture) 
 
 def test_a_capture_has_no_view(capture: Path, capsys: pytest.CaptureFixture) -> None:
     """Oracle: the flags that have no effect."""
-    for flag, value in (("--camera", "At"), ("--lod-error", "2")):
+    for flag, value in (("--camera", "At"), ("--lod-error", "2"), ("--resolution", "64x48")):
         assert main(["info", str(capture), flag, value]) == 2
         assert f"{flag}: found a capture, {capture}, expected a stage" in capsys.readouterr().err
 
