@@ -108,7 +108,8 @@ def repeated_ids(engine: Engine, plan: PicturePlan) -> Iterator[Finding]:
         table = tree.spec.table
         count = int(table.proxies.sum() + table.residents.sum())
         if count > ELEMENT_IDS:
-            yield finding("repeated-ids", path, counted(count, "splat"), f"at most {ELEMENT_IDS}")
+            expected = f"at most {ELEMENT_IDS}"
+            yield finding("repeated-element-ids", path, counted(count, "splat"), expected)
 
 
 def what_is_forced(plan: PicturePlan) -> str:

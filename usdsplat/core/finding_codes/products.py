@@ -134,7 +134,7 @@ CODES: dict[str, Code] = {
         "leave out --no-node-wait, or author splat:nodeWait true",
         "coarser ones are drawn in their place",
     ),
-    "repeated-ids": Code(
+    "repeated-element-ids": Code(
         "warning",
         "a picture has the element ids of a splat tree with more splats and proxies than ids of 32 "
         "bits",
