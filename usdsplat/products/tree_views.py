@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -84,15 +84,40 @@ def choice_of(
         UsageError: As for `view_of`.
     """
     with Engine(stage, time="first" if time is None else time) as engine:
-        return _chosen(engine, request, Findings() if findings is None else findings), engine.time
+        findings = Findings() if findings is None else findings
+        return _chosen(engine, request, findings), engine.time
 
 
-def _chosen(engine: Engine, request: ViewRequest, findings: Findings) -> TreeChoice:
-    """Return the choice of a view at the engine's time."""
+def choices_of(
+    stage: Usd.Stage,
+    request: ViewRequest,
+    frames: Sequence[float],
+    *,
+    findings: Findings | None = None,
+) -> dict[float, TreeChoice]:
+    """Return the choice of the nodes that the picture of a camera draws at each of some frames.
+
+    Args and errors are those of `choice_of`.
+    """
+    findings = Findings() if findings is None else findings
+    found: dict[float, TreeChoice] = {}
+    with Engine(stage, time=next(iter(frames), None)) as engine:
+        for frame in frames:
+            engine.set_time(frame)
+            since = None if frame == frames[0] else frame
+            found[frame] = _chosen(engine, request, findings, since)
+    return found
+
+
+def _chosen(
+    engine: Engine, request: ViewRequest, findings: Findings, since: float | None = None
+) -> TreeChoice:
+    """Return the choice of a view at the engine's time; `since` is that of the findings."""
     view, settings = view_of(engine, request)
     if settings.splat_budget:
         found = view_cut(engine.render_scene, view, settings).splats
-        findings.extend(small_budget(engine, view, settings, found, keeps_fields=True))
+        wrong = small_budget(engine, view, settings, found, keeps_fields=True)
+        findings.extend(wrong, time=since)
     chosen = ViewChoice(view=view, error=settings.lod_error, budget=settings.splat_budget)
     return TreeChoice(view=chosen)
 
