@@ -18,7 +18,7 @@ from usdsplat.core.wording import counted
 from usdsplat.delegate.engine import Engine
 from usdsplat.images.deep_aovs import ALWAYS
 from usdsplat.products import remarks
-from usdsplat.products.budget import WORTH_SAYING, Budget, budget
+from usdsplat.products.budget import WORTH_SAYING, Budget, budget, with_node_memory
 from usdsplat.products.cancel import Cancelled, CancelToken
 from usdsplat.products.deep import DeepReport, draw_deep
 from usdsplat.products.existing import difference
@@ -123,6 +123,7 @@ def draw_frames(
     """
     cancel = cancel or CancelToken()
     findings = Findings() if findings is None else findings
+    plans = [with_node_memory(plan, options.memory_limit) for plan in plans]
     jobs = _jobs(engine, plans, frames, options.existing, findings)
     engine.expect(work_of(plans, frames))
     said = engine.remark
@@ -236,7 +237,10 @@ def _budgets(
         view = go_to(engine, plan, frame, cameras[plan])
         holdout = holdouts[plan]
         nodes = 0.0 if holdout is None else holdout.nodes
-        found = budgets[plan] = budget(engine, plan, view, limit=limit, held_nodes=nodes)
+        more = any(other > frame for _, other, _ in jobs)
+        found = budgets[plan] = budget(
+            engine, plan, view, limit=limit, is_sequence=more, held_nodes=nodes
+        )
         findings.extend(plan.findings)
         if plan.deep:
             findings.say(remarks.what_is_forced(plan))

@@ -50,6 +50,16 @@ def view_load(scene: RenderScene, view: View, settings: RenderSettings) -> ViewL
     return ViewLoad(nodes=len(read), splats=cut.splats, bytes=sum(sizes.values()))
 
 
+def spare_node_bytes(scene: RenderScene, view: View, settings: RenderSettings) -> int:
+    """Return the bytes that the nodes of other views may take in memory beside those of a view
+    without blur."""
+    trees = {id(tree.spec): tree.spec for _, tree in scene.drawn_trees()}
+    if not trees:
+        return 0
+    most = sum(int(spec.table.sizes.sum()) * spec.splat_bytes for spec in trees.values())
+    return max(0, min(settings.node_bytes, most) - view_load(scene, view, settings).bytes)
+
+
 def estimate(
     scene: RenderScene,
     view: View,
