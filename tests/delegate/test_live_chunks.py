@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import gc
 import os
+import weakref
 from dataclasses import replace
 
 import numpy as np
@@ -101,6 +103,30 @@ def test_live_proxies_beyond_the_box_of_their_node_are_seen(shown):
     assert engine.picture(far, ROOT)["color"].max() > 0.1
     low, high = engine.render_scene.bounds()
     assert (low <= positions.min(axis=0)).all() and (positions.max(axis=0) <= high).all()
+
+
+def test_live_splats_that_were_replaced_take_no_memory(shown):
+    """Oracle: the bytes of the splats of the leaves, after each picture; and weak references."""
+    engine, view, tree, _ = shown
+    leaf = int(np.flatnonzero(tree.table.child_count == 0)[2])
+    engine.picture(view, LEAVES)
+    cache = engine.render_scene.node_cache
+    of_file = cache.bytes
+    before = []
+    for seed in range(4):
+        live = random_cloud(seed, len(tree.clouds[leaf]))
+        engine.update_chunk(TREE, leaf, live)
+        engine.picture(view, LEAVES)
+        size = sum(each.nbytes for each in (live.positions, live.scales, live.rotations))
+        size += live.opacities.nbytes + live.sh.nbytes
+        assert cache.bytes == of_file + size  # the splats of the file may be drawn again
+        before.append(weakref.ref(live.positions))
+        del live
+    gc.collect()
+    assert [each() is None for each in before] == [True, True, True, False]
+    engine.update_chunk(TREE, leaf, None)
+    engine.picture(view, LEAVES)
+    assert cache.bytes == of_file
 
 
 def test_a_cloud_that_does_not_fit_is_refused(shown):
