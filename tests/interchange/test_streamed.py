@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import subprocess
 import sys
 import time
@@ -21,6 +22,7 @@ from usdsplat.core.extent import extent
 from usdsplat.core.node_cuts import level_cut
 from usdsplat.core.node_table import NESTED
 from usdsplat.delegate.engine import Engine
+from usdsplat.delegate.scene_delegate import trees
 from usdsplat.interchange.lod.levels import typical_size
 from usdsplat.interchange.opening import open_capture
 from usdsplat.interchange.streamed import StreamedSog
@@ -166,6 +168,27 @@ def test_a_picture_of_the_leaves_is_that_of_the_finest_level(tmp_path):
             pictures.append(engine.picture(view, RenderSettings(lod_error=0.0))["color"].copy())
     assert pictures[0][..., 3].max() > 0.5
     np.testing.assert_array_equal(*pictures)
+
+
+def test_an_image_of_a_chunk_that_changes_is_noticed(tmp_path, monkeypatch):
+    """Oracle: the picture of a new engine; `meta.json` of the folder stays as it is."""
+    monkeypatch.setattr(trees, "POLL", 0.0)
+    names = ["fine/meta.json", "coarse.sog"]
+    path = scene(tmp_path, filenames=names)
+    for number, name in enumerate(("fine", "other"), 1):
+        (tmp_path / name).mkdir()
+        formats.write(random_cloud(40, 2, seed=number), tmp_path / name / "meta.json")
+    stage, _ = tree_of(path)
+    add_camera(stage)
+    settings = RenderSettings(lod_error=0.0)
+    with Engine(stage, device="cpu") as engine:
+        view = engine.view("/Camera", resolution=(64, 48))
+        before = engine.picture(view, settings)["color"].copy()
+        shutil.copy(tmp_path / "other" / "sh0.webp", tmp_path / "fine" / "sh0.webp")
+        after = engine.picture(view, settings)["color"].copy()
+    assert (after != before).any()
+    with Engine(stage, device="cpu") as engine:
+        np.testing.assert_array_equal(engine.picture(view, settings)["color"], after)
 
 
 def test_a_stage_can_refer_to_the_files(tmp_path):

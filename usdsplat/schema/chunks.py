@@ -8,6 +8,7 @@ its unsaved edits are read.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -133,6 +134,18 @@ def check_chunk(path: str, rows: int, degree: int, whose: str) -> None:
         raise StageError(path, counted(held, "splat"), f"at least {rows}, {whose}")
     if found > degree or (found < degree and not sog.is_sog(path)):
         raise StageError(path, f"harmonics of degree {found}", f"{degree}, as in the tree")
+
+
+def chunk_stamp(path: str) -> tuple[int, int] | None:
+    """Return two numbers that change when a chunk is written, for comparisons within one process;
+    None if there is no such file."""
+    try:
+        if sog.is_sog(path):
+            return sog.stamp(path)
+        state = os.stat(path)
+    except OSError:
+        return None
+    return state.st_mtime_ns, state.st_size
 
 
 def chunk_size(path: str) -> int:

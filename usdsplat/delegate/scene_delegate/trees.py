@@ -5,7 +5,6 @@ Chunks are layers that no stage composes. Their edits and their files are theref
 
 from __future__ import annotations
 
-import os
 import threading
 import time
 from collections import Counter
@@ -29,7 +28,7 @@ from usdsplat.images.color import color_space
 from usdsplat.images.grade import grade_matrix
 from usdsplat.render.lod.tree import TreeSpec
 from usdsplat.render.specs import ProjectionMode, RasterizeMode, SortingMode
-from usdsplat.schema.chunks import ChunkReader
+from usdsplat.schema.chunks import ChunkReader, chunk_stamp
 from usdsplat.schema.lod_roots import tree_level
 from usdsplat.schema.tree import Tree, chunk_files, chunk_shape, read_tree
 from usdsplat.schema.validation.trees import broken_chunks, missing_chunks
@@ -235,11 +234,7 @@ class Chunks:
 
     def _token(self, path: str) -> tuple[Any, ...]:
         """Return a token of a chunk's content: its path, file and number of edits."""
-        try:
-            state = os.stat(path)
-        except OSError:
-            return path, None, None, self._edits[path]
-        return path, state.st_mtime_ns, state.st_size, self._edits[path]
+        return path, chunk_stamp(path), self._edits[path]
 
     def _collect(self, notice: Any, sender: Any) -> None:
         with self._lock:
