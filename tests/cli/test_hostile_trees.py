@@ -43,6 +43,18 @@ def whole(name: str, value: Any) -> Callable[[Path], None]:
     return lambda path: changed(path, f"splat:{name}", value)
 
 
+def with_digests(value: Any) -> Callable[[Path], None]:
+    """Return the addition of digests of the chunks."""
+
+    def change(path: Path) -> None:
+        layer = Sdf.Layer.FindOrOpen(str(path))
+        prim, kind = layer.GetPrimAtPath("/tree/splats"), Sdf.GetValueTypeNameForValue(value)
+        Sdf.AttributeSpec(prim, "splat:chunkDigests", kind).default = value
+        layer.Save()
+
+    return change
+
+
 def chunk_array(name: str, value: Any) -> Callable[[Path], None]:
     """Return a change of an array of the leaves' chunk."""
 
@@ -100,6 +112,9 @@ LIES: dict[str, Callable[[Path], None]] = {
     "chunk": column("nodeChunk", 3, 99),
     "empty": whole("nodeErrors", Vt.FloatArray()),
     "long": whole("nodeChunk", Vt.IntArray(100_000)),
+    "digests": with_digests(Vt.StringArray(["0", "1", "2"])),
+    "many digests": with_digests(Vt.StringArray(1_000_000)),
+    "digests of no text": with_digests(Vt.IntArray(3)),
     "bomb in the table": as_crate,
     "bomb of ids": chunk_array("ids", Vt.Int64Array(LONG)),
     "bomb of a range": chunk_array("splat:harmonicsRange", Vt.FloatArray(LONG)),

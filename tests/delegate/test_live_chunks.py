@@ -18,7 +18,7 @@ from usdsplat.core.errors import UsdSplatError
 from usdsplat.delegate.engine import Engine
 from usdsplat.delegate.scene_delegate import trees
 from usdsplat.render.settings import RenderSettings
-from usdsplat.schema import chunks
+from usdsplat.schema.chunks import ChunkReader
 
 LEAVES = RenderSettings(lod_error=0.0)
 ROOT = RenderSettings(lod_error=1000.0, lod_samples=1)
@@ -28,17 +28,17 @@ TREE = "/World/Tree"
 @pytest.fixture
 def reads(monkeypatch):
     """What is read: the paths of prims of which the table is, and the names of chunks."""
-    found, chunk, table = [], chunks.read_chunk, trees.read_tree
+    found, read, table = [], ChunkReader.read, trees.read_tree
 
-    def read_chunk(path, first, count):
-        found.append(os.path.basename(path))
-        return chunk(path, first, count)
+    def read_chunk(self, chunk, first, count):
+        found.append(os.path.basename(self.chunks[chunk]))
+        return read(self, chunk, first, count)
 
     def read_tree(prim):
         found.append(str(prim.GetPath()))
         return table(prim)
 
-    monkeypatch.setattr(chunks, "read_chunk", read_chunk)
+    monkeypatch.setattr(ChunkReader, "read", read_chunk)
     monkeypatch.setattr(trees, "read_tree", read_tree)
     return found
 

@@ -54,16 +54,14 @@ def read_cut(prim: Usd.Prim, tree: Tree, cut: NodeCut) -> SplatCloud:
         StageError: If a chunk is missing, cannot be read, or does not have these rows.
     """
     check_chunks(prim, tree, cut)
-    return read_rows(tree.chunks, cut.rows(tree.table), tree.degree)
+    return read_rows(tree.reader(), cut.rows(tree.table), tree.degree)
 
 
-def read_rows(
-    chunks: Sequence[str], rows: Sequence[tuple[int, int, int]], degree: int
-) -> SplatCloud:
+def read_rows(reader: ChunkReader, rows: Sequence[tuple[int, int, int]], degree: int) -> SplatCloud:
     """Read rows of chunks as one cloud.
 
     Args:
-        chunks: File of each chunk.
+        reader: Reader of the chunks.
         rows: What to read, as (chunk, first row, number of rows); see `NodeCut.rows`.
         degree: Degree of the harmonics of the chunks.
 
@@ -78,7 +76,7 @@ def read_rows(
         opacities=np.empty(n, np.float32),
         sh=np.empty((n, coefficient_count(degree), 3), np.float32),
     )
-    start, reader = 0, ChunkReader(chunks, degree)
+    start = 0
     for chunk, first, count in rows:
         part = reader.read(chunk, first, count)
         for name in ("positions", "scales", "rotations", "opacities", "sh"):
@@ -100,4 +98,4 @@ def check_chunks(prim: Usd.Prim, tree: Tree, cut: NodeCut) -> None:
         if not path:
             (found,) = missing_chunks(prim, tree)
             raise StageError(found.path, found.found, found.expected)
-        check_chunk(path, count, tree.degree, "as in the tree")
+        check_chunk(path, count, tree.degree, "as in the tree", tree.digest(chunk))

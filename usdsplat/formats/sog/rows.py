@@ -116,6 +116,15 @@ class SogRows:
         codes.decode([(first, first + count)], builder, 0)
         return builder.cloud()[0]
 
+    def count(self, path: str) -> int:
+        """Return the number of splats of a file. One that was read last is not read again.
+
+        Raises:
+            FormatError: As for `read`.
+            OSError: As for `read`.
+        """
+        return len(self._codes(path))
+
     def _codes(self, path: str) -> SogCodes:
         """Return the codes of a file; threads that ask for the same file wait for one of them."""
         key = path, *stamp(path)

@@ -189,7 +189,7 @@ class _TreeField:
 
     def __init__(self, reading: TreeReading) -> None:
         tree = reading.tree
-        self._rows = TreeRows(tree.table, tree.chunks, tree.degree)
+        self._rows = TreeRows(tree.table, tree.reader())
         self.count = self._rows.count
         """Number of splats."""
 
