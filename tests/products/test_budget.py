@@ -40,28 +40,30 @@ def test_nodes_have_half_of_the_limit_unless_their_memory_is_chosen() -> None:
     assert with_node_memory(chosen, 6 << 30) is chosen
 
 
-@pytest.mark.parametrize("size", [20_000, 60_000])
-def test_a_sequence_leaves_room_for_the_nodes_of_other_frames(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, size: int
+def test_nodes_are_kept_in_what_a_picture_leaves_of_the_limit(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Oracle: closed form: the splats of the whole tree without those of the root, which the
-    picture draws, or what node memory allows if it is less; memory in use is held constant."""
+    """Oracle: closed form: the limit without the estimate of all but nodes. The nodes in memory,
+    after pictures of all levels, are no more, but those of the last one."""
     monkeypatch.setattr(memory, "resident", lambda: 300 * MIB)
-    stage = Usd.Stage.Open(str(little_tree(tmp_path, ball(size))))
-    plan = replace(PLAN, settings=replace(PLAN.settings, node_memory=2))
+    stage = Usd.Stage.Open(str(little_tree(tmp_path, ball(60_000))))
+    fine = replace(PLAN.settings, lod_error=0.0)
     with Engine(stage, device="cpu") as engine:
         view = engine.view(framing=PLAN.framing)
         (_, tree), *_ = engine.render_scene.drawn_trees()
         sizes, one = tree.spec.table.sizes, tree.spec.splat_bytes
-        kept = min(int(sizes.sum()) * one, 2 * MIB) - int(sizes[0]) * one
-        whole = budget(engine, plan, view, limit=None)
-        limit = whole.estimate.total + kept
-        for least, rows in ((0, True), (1, False)):
-            found = budget(engine, plan, view, limit=limit - least, is_sequence=True)
-            assert (found.estimate.rows == whole.estimate.rows) is rows
-            assert found.estimate.total <= limit - least - kept
-            alone = budget(engine, plan, view, limit=limit - kept)
-            assert alone.estimate.rows == whole.estimate.rows
+        root, leaves = int(sizes[0]) * one, int(sizes[3:].sum()) * one
+        whole = budget(engine, PLAN, view, limit=None)
+        assert whole.node_bytes is None
+        cache = engine.render_scene.node_cache
+        for left, kept in ((0, leaves), (leaves + root, leaves + root)):
+            found = budget(engine, PLAN, view, limit=whole.estimate.total + left)
+            assert found.node_bytes == root + left
+            engine.keep_nodes(found.node_bytes)
+            for settings in (PLAN.settings, fine):
+                engine.picture(view, settings)
+            assert cache.bytes - one <= kept <= cache.bytes  # beside the resident of the root
+            cache.drop(lambda _: True)
 
 
 @pytest.mark.parametrize("chosen", [{}, {"node_memory": 1}])

@@ -15,7 +15,7 @@ from usdsplat.render.band import BAND_PIXELS
 from usdsplat.render.deep_memory import deep_bytes, entries_within
 from usdsplat.render.deep_merging import ENTRIES
 from usdsplat.render.frame import DEEP_PIXELS
-from usdsplat.render.lod.memory import spare_node_bytes
+from usdsplat.render.lod.memory import held_node_bytes
 from usdsplat.render.memory import Estimate, PictureRequest, fitting
 from usdsplat.render.specs import View
 
@@ -34,6 +34,8 @@ class Budget:
     """See `Engine.render`."""
     deep_entries: int = ENTRIES
     """See `DeepSize`."""
+    node_bytes: int | None = None
+    """Memory for nodes of splat trees, also of other pictures, see `Engine.keep_nodes`."""
     estimate: Estimate
 
     def sentence(self) -> str:
@@ -65,7 +67,6 @@ def budget(
     view: View,
     *,
     limit: int | None,
-    is_sequence: bool = False,
     held_nodes: float = 0.0,
 ) -> Budget:
     """Choose the bands of a picture, at the engine's time.
@@ -73,7 +74,6 @@ def budget(
     Args:
         view: The view of the picture.
         limit: Maximum memory [byte]; None for no limit.
-        is_sequence: Whether other frames follow, whose nodes of splat trees are kept beside these.
         held_nodes: Mean number of nodes in a pixel of a deep holdout.
 
     Raises:
@@ -100,18 +100,21 @@ def budget(
     most = max(1, min(usual // width // TILE, all_tiles))
     if limit is None:
         return Budget(band_pixels=most * TILE * width, estimate=needed(most))
-    kept = spare_node_bytes(engine.render_scene, view, plan.settings) if is_sequence else 0
-    tiles, estimate = fitting(needed, most, limit - kept)
+    tiles, estimate = fitting(needed, most, limit)
     if estimate.total > limit:
         expected = (
             f"{said_bytes(estimate.total)} or more for {width}x{y1 - y0} pixels of this scene"
         )
         raise UsageError("--memory-limit", said_bytes(limit), expected)
     # The memory that the rest of a deep picture leaves is for contributions that are merged.
-    entries = ENTRIES
+    entries, left = ENTRIES, limit - estimate.total
     if plan.deep:
         ids = request.deep_ids
-        size = estimate.rows * width * deep_bytes(plan.settings, ids)
-        size += max(0, limit - kept - estimate.total)
-        entries = entries_within(plan.settings, ids, size)
-    return Budget(band_pixels=tiles * TILE * width, deep_entries=entries, estimate=estimate)
+        size = estimate.rows * width * deep_bytes(plan.settings, ids) + left
+        entries, left = entries_within(plan.settings, ids, size), 0
+    return Budget(
+        band_pixels=tiles * TILE * width,
+        deep_entries=entries,
+        node_bytes=held_node_bytes(engine.render_scene, view, plan.settings) + left,
+        estimate=estimate,
+    )

@@ -168,6 +168,7 @@ def draw_frames(
             band_pixels=budgets[plan].band_pixels,
             deep_entries=budgets[plan].deep_entries,
         )
+        engine.keep_nodes(budgets[plan].node_bytes)
         try:
             cancel.check()
             with made_folder(path.parent):
@@ -237,10 +238,7 @@ def _budgets(
         view = go_to(engine, plan, frame, cameras[plan])
         holdout = holdouts[plan]
         nodes = 0.0 if holdout is None else holdout.nodes
-        more = any(other > frame for _, other, _ in jobs)
-        found = budgets[plan] = budget(
-            engine, plan, view, limit=limit, is_sequence=more, held_nodes=nodes
-        )
+        found = budgets[plan] = budget(engine, plan, view, limit=limit, held_nodes=nodes)
         findings.extend(plan.findings)
         if plan.deep:
             findings.say(remarks.what_is_forced(plan))

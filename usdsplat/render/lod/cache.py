@@ -58,6 +58,8 @@ class NodeCache:
         """Keys of the reads whose results no caller waits for."""
         self._dropped: set[Hashable] = set()
         """Keys of the reads whose results are not kept."""
+        self.most: int | None = None
+        """Maximum number of bytes of what is kept beside what a call wants; None for its limit."""
         self.reads = 0
         """Number of finished reads whose results no caller waited for."""
         self.on_read: Callable[[], None] = lambda: None
@@ -116,7 +118,8 @@ class NodeCache:
             missing = {key: each for key, each in wanted.items() if key not in found}
             later = {key: each for key, each in ahead.items() if key not in self._entries}
             coming = sum(each.size for each in (later | missing).values())
-            self._make_room({*wanted, *ahead}, limit - coming, now, lifetime)
+            most = limit if self.most is None else min(limit, self.most)
+            self._make_room({*wanted, *ahead}, most - coming, now, lifetime)
             self._ahead -= missing.keys()
             self._dropped -= wanted.keys() | ahead.keys()
             pending = {key: self._submit(key, each) for key, each in missing.items()}

@@ -50,14 +50,11 @@ def view_load(scene: RenderScene, view: View, settings: RenderSettings) -> ViewL
     return ViewLoad(nodes=len(read), splats=cut.splats, bytes=sum(sizes.values()))
 
 
-def spare_node_bytes(scene: RenderScene, view: View, settings: RenderSettings) -> int:
-    """Return the bytes that the nodes of other views may take in memory beside those of a view
-    without blur."""
-    trees = {id(tree.spec): tree.spec for _, tree in scene.drawn_trees()}
-    if not trees:
+def held_node_bytes(scene: RenderScene, view: View, settings: RenderSettings) -> int:
+    """Return the bytes of nodes of splat trees that `estimate` counts for a picture."""
+    if not scene.has_trees:
         return 0
-    most = sum(int(spec.table.sizes.sum()) * spec.splat_bytes for spec in trees.values())
-    return max(0, min(settings.node_bytes, most) - view_load(scene, view, settings).bytes)
+    return max(scene.node_cache.bytes, view_load(scene, view, settings).bytes)
 
 
 def estimate(
