@@ -17,7 +17,7 @@ from tests.formats.hostile import bombs
 from tests.formats.samples import random_cloud
 from usdsplat import formats, schema
 from usdsplat.core.edit import merge, take, with_sh_degree
-from usdsplat.core.errors import FormatError, StageError, UsdSplatError
+from usdsplat.core.errors import FormatError, UsdSplatError
 from usdsplat.core.extent import extent
 from usdsplat.core.node_cuts import level_cut
 from usdsplat.core.node_table import NESTED
@@ -229,10 +229,13 @@ def test_trees_that_lie_are_refused(tmp_path, changes, message):
 
 
 def test_levels_that_share_splats_are_refused(tmp_path):
-    """Oracle: a chunk's rows have one owner."""
+    """Oracle: a chunk's rows have one owner, in one leaf or in two."""
     lods = {str(k): {"file": 0, "offset": 0, "count": 4} for k in (0, 1)}
-    with pytest.raises(StageError, match="that another node has"):
+    with pytest.raises(FormatError, match=r"tree: found splat 0 of fine\.sog twice"):
         open_capture(scene(tmp_path, tree={"lods": lods}, counts=[4, 4, 0]))
+    leaves = [{"lods": {str(k): {"file": 0, "offset": 3 - k, "count": 4}}} for k in (0, 1)]
+    with pytest.raises(FormatError, match=r"tree: found splat 3 of fine\.sog twice"):
+        open_capture(scene(tmp_path, tree={"children": leaves}, counts=[4, 4, 0]))
 
 
 def test_a_deep_tree_is_refused(tmp_path):
@@ -240,8 +243,15 @@ def test_a_deep_tree_is_refused(tmp_path):
     node = {"lods": {"0": {"file": 0, "offset": 0, "count": 4}}}
     for _ in range(64):
         node = {"children": [node]}
-    with pytest.raises(FormatError, match="65 levels, expected at most 64"):
+    with pytest.raises(FormatError, match="found more than 64 levels of nodes"):
         open_capture(scene(tmp_path, tree=node, counts=[4, 0, 0]))
+    deepest = node["children"][0]  # its levels of detail are one more level of nodes
+    chain = deepest
+    while "lods" not in chain:
+        (chain,) = chain["children"]
+    chain["lods"]["1"] = {"file": 1, "offset": 0, "count": 4}
+    with pytest.raises(FormatError, match="65 levels, expected at most 64"):
+        open_capture(scene(tmp_path, tree=deepest, counts=[4, 4, 0]))
 
 
 def test_bombs_are_refused_at_once(tmp_path):

@@ -322,7 +322,7 @@ class _Job:
             degree=self.meeting.degree,
             nodes=len(table),
             leaves=int(leaves.sum()),
-            levels=int(table.depths().max()) + 1,
+            levels=len(table.levels()),
             chunks=int(table.chunk.max()) + 1,
             residents=int(table.residents.sum()),
             size=sum(
