@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -128,6 +128,29 @@ class Way:
     scale: int
     is_peer: bool = False
     """Whether the gain of levels is measured against it."""
+
+
+def decibels(
+    renderer: Renderer,
+    way: Way,
+    where: Framing,
+    truth: Mapping[int, Sequence[F32]],
+    size: tuple[int, int] = SIZE,
+) -> dict[int, float]:
+    """Return the least PSNR of the views [dB] by distance.
+
+    Args:
+        truth: Right picture of each view by distance.
+    """
+    return {
+        k: min(map(psnr, pictures(renderer, way.cloud, where, k, way.mode, way.scale, size), right))
+        for k, right in truth.items()
+    }
+
+
+def said(quality: float) -> str:
+    """Return dB as the cell of a table; the right picture itself has no number."""
+    return f"{quality:.1f}" if np.isfinite(quality) else "–"
 
 
 def chain(
