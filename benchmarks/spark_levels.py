@@ -40,15 +40,14 @@ from benchmarks.minification import (
 )
 from benchmarks.report import Report
 from benchmarks.scenes import DATA
-from usdsplat import formats, schema
+from usdsplat import formats
 from usdsplat.core.cloud import F32, SplatCloud
 from usdsplat.core.edit import with_sh_degree
-from usdsplat.core.node_cuts import level_cut
 from usdsplat.core.sh import rgb_to_dc
 from usdsplat.interchange.lod import build_tree
 from usdsplat.kernels.devices import open_device
 from usdsplat.render.renderer import Renderer
-from usdsplat.schema.tree_cuts import read_cut
+from usdsplat.schema.tree_cuts import TreeReading
 
 LEVELS = (1, 2, 3)
 METHODS = ("quick", "quality")
@@ -116,9 +115,8 @@ def ways(source: Path, folder: Path, whole: SplatCloud, report: Report) -> Itera
     built_in = [("ours", wall, cpu, built.size)]
     stage = Usd.Stage.Open(built.target)
     prim = stage.GetPrimAtPath(built.prim_path)
-    tree = schema.read_tree(prim)
-    cuts = [level_cut(tree.table, number) for number in LEVELS]
-    counts = [cut.splats(tree.table) for cut in cuts]
+    levels = [TreeReading.at_level(prim, number) for number in LEVELS]
+    counts = list(map(len, levels))
     peer, clouds = peers.spark(), {}
     for method in METHODS if peer else ():
         assert peer is not None
@@ -132,9 +130,9 @@ def ways(source: Path, folder: Path, whole: SplatCloud, report: Report) -> Itera
     for name, wall, cpu, size in built_in:
         print(f"{name}: {wall:.1f} s, {cpu:.1f} s of processors, {size / 1e6:.1f} MB")
         report.add(scene=source.stem, way=f"build {name}", wall=wall, cpu=cpu, bytes=size)
-    for cut, count in zip(cuts, counts, strict=True):
+    for level, count in zip(levels, counts, strict=True):
         for scale in (1, SAMPLES):
-            yield Way(f"ours {count:,}", read_cut(prim, tree, cut), "antialiased", scale)
+            yield Way(f"ours {count:,}", level.cloud(), "antialiased", scale)
             for method in METHODS if peer else ():
                 some = clouds[method, count]
                 label = f"{method} {len(some[0]):,}"

@@ -13,7 +13,7 @@ from tests.trees import little_tree
 from usdsplat import schema
 from usdsplat.core.cloud import SplatCloud
 from usdsplat.delegate.engine import Engine
-from usdsplat.interchange.tree_reading import TreeChoice, TreeReading
+from usdsplat.interchange.tree_reading import TreeChoice, tree_reading
 from usdsplat.render.settings import RenderSettings
 from usdsplat.schema.lod_root_authoring import author_lod_root
 from usdsplat.sim.stage.authoring import author
@@ -48,7 +48,7 @@ def tree(tmp_path: Path) -> Path:
 def cut_as_field(tree: Path, choice: TreeChoice) -> Path:
     """The same stage with a cut as a field in place of the tree, as an export reads it."""
     source = Usd.Stage.Open(str(tree))
-    reading = TreeReading.of(source.GetPrimAtPath(TREE), choice)
+    reading = tree_reading(source.GetPrimAtPath(TREE), choice)
     path = tree.with_name("field.usda")
     stage = Usd.Stage.CreateNew(str(path))
     UsdGeom.SetStageUpAxis(stage, "Y")

@@ -27,7 +27,7 @@ from usdsplat.interchange.lod.levels import typical_size
 from usdsplat.interchange.opening import open_capture
 from usdsplat.interchange.streamed import StreamedSog
 from usdsplat.interchange.streamed_table import ERROR
-from usdsplat.interchange.tree_reading import TreeChoice, TreeReading
+from usdsplat.interchange.tree_reading import TreeChoice, tree_reading
 from usdsplat.render.settings import RenderSettings
 from usdsplat.schema.validation.trees import check_tree
 
@@ -98,10 +98,10 @@ def test_levels_are_cuts_of_the_tree(tmp_path):
     path = scene(tmp_path)
     stage, prim = tree_of(path)
     fine, coarse = tmp_path / "fine.sog", tmp_path / "coarse.sog"
-    assert_same(TreeReading.of(prim).cloud(), rows(fine, 0, 40))
-    found = TreeReading.of(prim, TreeChoice(level=9)).cloud()
+    assert_same(tree_reading(prim).cloud(), rows(fine, 0, 40))
+    found = tree_reading(prim, TreeChoice(level=9)).cloud()
     assert_same(found, merge([rows(fine, 30, 10), rows(coarse, 0, 12)]))
-    middle = TreeReading.of(prim, TreeChoice(level=1)).cloud()
+    middle = tree_reading(prim, TreeChoice(level=1)).cloud()
     parts = [rows(fine, 30, 10), rows(coarse, 0, 8), rows(coarse, 12, 12)]
     assert_same(middle, merge(parts))
     assert check_tree(prim) == []
@@ -113,10 +113,10 @@ def test_the_environment_is_in_every_cut(tmp_path):
     stage, prim = tree_of(scene(tmp_path, far=True))
     far = rows(tmp_path / "far.sog", 0, 9)
     for level in (0, 9):
-        found = TreeReading.of(prim, TreeChoice(level=level)).cloud()
+        found = tree_reading(prim, TreeChoice(level=level)).cloud()
         present = (found.positions[:, None] == far.positions).all(axis=2)
         assert present.any(axis=0).all()
-    assert len(TreeReading.of(prim)) == 49
+    assert len(tree_reading(prim)) == 49
     assert stage.GetPrimAtPath(prim.GetPath())
 
 
@@ -126,8 +126,8 @@ def test_a_real_capture_has_the_levels_of_its_files(data):
     stage, prim = tree_of(path)
     for level in (4, 5, 6):
         expected = formats.read(path, how=formats.ReadOptions(lod=level)).cloud
-        assert_same(TreeReading.of(prim, TreeChoice(level=level)).cloud(), expected)
-    table = TreeReading.of(prim).tree.table
+        assert_same(tree_reading(prim, TreeChoice(level=level)).cloud(), expected)
+    table = tree_reading(prim).tree.table
     assert level_cut(table, 0).splats(table) == 500_000
     assert stage.GetRootLayer().anonymous
 
@@ -197,7 +197,7 @@ def test_a_stage_can_refer_to_the_files(tmp_path):
     stage, prim = tree_of(path)
     stage.GetRootLayer().Export(str(tmp_path / "saved.usda"))
     again = Usd.Stage.Open(str(tmp_path / "saved.usda"))
-    reading = TreeReading.of(again.GetPrimAtPath(prim.GetPath()))
+    reading = tree_reading(again.GetPrimAtPath(prim.GetPath()))
     assert_same(reading.cloud(), formats.read(path).cloud)
 
 

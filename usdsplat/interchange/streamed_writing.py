@@ -28,10 +28,10 @@ from usdsplat.interchange.appearances import Appearance, appearances
 from usdsplat.interchange.options import StageReading
 from usdsplat.interchange.placement import stage_frame
 from usdsplat.interchange.reports import ExportReport
-from usdsplat.interchange.tree_reading import TreeReading
 from usdsplat.interchange.unapplied import unapplied
 from usdsplat.schema.composition import composition_findings
 from usdsplat.schema.tree import Tree
+from usdsplat.schema.tree_cuts import TreeReading
 
 UNIT = 1 << 19
 """Number of splats from which on a SOG file is full; splat-transform's, too."""
