@@ -25,7 +25,7 @@ import numpy as np
 from rich.table import Table
 
 from benchmarks.report import Report
-from benchmarks.scenes import CAPTURES, DATA, scene_of, view_of
+from benchmarks.scenes import CAPTURES, DATA, looking_at, scene_of, view_of
 from usdsplat import formats
 from usdsplat.core.cloud import F32, F64, SplatCloud
 from usdsplat.interchange.decimating import FAR_LINES, decimate, framing_pixel, level
@@ -71,18 +71,8 @@ class Framing:
     def views(self, distance: float, scale: int, frame: tuple[int, int] = SIZE) -> Iterator[View]:
         """Yield the views from a multiple of the framing distance, at `scale` times a size."""
         size = (frame[0] * scale, frame[1] * scale)
-        focal = 1.2 * size[1]
-        away = distance * self.radius * 2 * 1.2
-        k = np.array([[focal, 0, size[0] / 2], [0, focal, size[1] / 2], [0, 0, 1]])
         for turn in TURNS:
-            back = np.array([np.sin(turn), -0.25, np.cos(turn)])
-            back /= np.linalg.norm(back)
-            right = np.cross([0, -1.0, 0], back)
-            right /= np.linalg.norm(right)
-            axes = np.array([right, np.cross(-back, right), -back])
-            matrix = np.eye(4)
-            matrix[:3, :3] = axes
-            matrix[:3, 3] = -axes @ (self.center + back * away)
+            matrix, k = looking_at(self.center, turn, distance * self.radius * 2.4, size)
             yield view_of(matrix, k, size)
 
 
@@ -187,12 +177,18 @@ def ways(cloud: SplatCloud) -> Iterator[Way]:
                     yield Way(f"level 1/{part}", some, "antialiased", scale)
 
 
+def asked(arguments: Sequence[str]) -> tuple[list[str], tuple[int, int]]:
+    """Return the names and the size of pictures of a command line."""
+    names = list(arguments)
+    if names[:1] != ["--size"]:
+        return names, SIZE
+    width, height = names[1].split("x")
+    return names[2:], (int(width), int(height))
+
+
 def main(report: Report) -> None:
     """Print a table for each capture."""
-    names, size = list(report.arguments), SIZE
-    if names[:1] == ["--size"]:
-        width, height = names[1].split("x")
-        names, size = names[2:], (int(width), int(height))
+    names, size = asked(report.arguments)
     renderer = Renderer(open_device())
     for name in names or CAPTURES:
         cloud = formats.read(DATA / "splats" / name).cloud

@@ -31,9 +31,9 @@ from benchmarks.minification import (
     DISTANCES,
     LARGEST,
     SAMPLES,
-    SIZE,
     Framing,
     Way,
+    asked,
     decibels,
     pictures,
     said,
@@ -144,10 +144,7 @@ def ways(source: Path, folder: Path, whole: SplatCloud, report: Report) -> Itera
 
 def main(report: Report) -> None:
     """Print a table for each capture."""
-    names, size = list(report.arguments), SIZE
-    if names[:1] == ["--size"]:
-        width, height = names[1].split("x")
-        names, size = names[2:], (int(width), int(height))
+    names, size = asked(report.arguments)
     for sentence in (each for each in peers.missing() if each.startswith("spark")):
         print(sentence)
     renderer = Renderer(open_device())

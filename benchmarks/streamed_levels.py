@@ -20,9 +20,9 @@ from benchmarks.minification import (
     DISTANCES,
     LARGEST,
     SAMPLES,
-    SIZE,
     Framing,
     Way,
+    asked,
     decibels,
     pictures,
     said,
@@ -60,10 +60,7 @@ def ways(folder: Path, finest: SplatCloud) -> Iterator[Way]:
 
 def main(report: Report) -> None:
     """Print a table for each folder."""
-    names, size = list(report.arguments), SIZE
-    if names[:1] == ["--size"]:
-        width, height = names[1].split("x")
-        names, size = names[2:], (int(width), int(height))
+    names, size = asked(report.arguments)
     renderer = Renderer(open_device())
     for folder in map(Path, names or [DATA / "streamed" / "playbot"]):
         finest = formats.read(folder).cloud

@@ -128,6 +128,16 @@ def tree_of(path: Path) -> Tree:
     return read_tree(stage.GetPrimAtPath("/tree/splats"))
 
 
+def authored(path: Path, prim: str, name: str, value: Any) -> None:
+    """Replace an attribute of a layer by one with the type of a value."""
+    layer = Sdf.Layer.FindOrOpen(str(path))
+    spec = layer.GetPrimAtPath(prim)
+    if name in spec.properties:
+        spec.RemoveProperty(spec.properties[name])
+    Sdf.AttributeSpec(spec, name, Sdf.GetValueTypeNameForValue(value)).default = value
+    layer.Save()
+
+
 def changed(path: Path, attribute: str, value: Any) -> None:
     """Author another value for an attribute of the tree."""
     layer = Sdf.Layer.FindOrOpen(str(path))

@@ -15,7 +15,7 @@ from tests.cli.test_hostile import check_refused
 from tests.cli.tree_mutations import mutated_tree
 from tests.formats.reading import MEMORY_LIMIT_MB, linux_only
 from tests.schema.clouds import cloud
-from tests.trees import changed, little_tree, write_chunk
+from tests.trees import authored, changed, little_tree, write_chunk
 
 FEW, MANY = 56, 200
 """Damaged trees."""
@@ -45,28 +45,13 @@ def whole(name: str, value: Any) -> Callable[[Path], None]:
 
 def with_digests(value: Any) -> Callable[[Path], None]:
     """Return the addition of digests of the chunks."""
-
-    def change(path: Path) -> None:
-        layer = Sdf.Layer.FindOrOpen(str(path))
-        prim, kind = layer.GetPrimAtPath("/tree/splats"), Sdf.GetValueTypeNameForValue(value)
-        Sdf.AttributeSpec(prim, "splat:chunkDigests", kind).default = value
-        layer.Save()
-
-    return change
+    return lambda path: authored(path, "/tree/splats", "splat:chunkDigests", value)
 
 
 def chunk_array(name: str, value: Any) -> Callable[[Path], None]:
     """Return a change of an array of the leaves' chunk."""
-
-    def change(path: Path) -> None:
-        layer = Sdf.Layer.FindOrOpen(str(path.parent / "tree_chunks" / "0002.usdc"))
-        prim = layer.GetPrimAtPath("/chunk")
-        if name in prim.properties:
-            prim.RemoveProperty(prim.properties[name])
-        Sdf.AttributeSpec(prim, name, Sdf.GetValueTypeNameForValue(value)).default = value
-        layer.Save()
-
-    return change
+    chunk = Path("tree_chunks", "0002.usdc")
+    return lambda path: authored(path.parent / chunk, "/chunk", name, value)
 
 
 def chunk_bytes(edit: Callable[[bytes], bytes]) -> Callable[[Path], None]:

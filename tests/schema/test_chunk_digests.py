@@ -10,7 +10,7 @@ import pytest
 from pxr import Sdf, Usd, Vt
 
 from tests.schema.clouds import cloud
-from tests.trees import changed, little_tree, tree_of, write_chunk
+from tests.trees import authored, changed, little_tree, tree_of, write_chunk
 from usdsplat import formats, schema
 from usdsplat.core.errors import StageError, UsageError
 from usdsplat.schema.chunks import ChunkReader, chunk_digest, chunk_shape
@@ -84,12 +84,7 @@ def test_a_tree_has_the_digests_of_its_chunks(path: Path) -> None:
 )
 def test_digests_that_lie_are_one_sentence(path: Path, value: object, said: str) -> None:
     """Oracle: the contract of errors."""
-    layer = Sdf.Layer.FindOrOpen(str(path))
-    prim = layer.GetPrimAtPath("/tree/splats")
-    prim.RemoveProperty(prim.properties["splat:chunkDigests"])
-    kind = Sdf.GetValueTypeNameForValue(value)
-    Sdf.AttributeSpec(prim, "splat:chunkDigests", kind).default = value
-    layer.Save()
+    authored(path, "/tree/splats", "splat:chunkDigests", value)
     with pytest.raises(StageError, match=said):
         tree_of(path)
 
