@@ -59,7 +59,7 @@ def test_nodes_are_kept_in_what_a_picture_leaves_of_the_limit(
         for left, kept in ((0, leaves), (leaves + root, leaves + root)):
             found = budget(engine, PLAN, view, limit=whole.estimate.total + left)
             assert found.node_bytes == root + left
-            engine.keep_nodes(found.node_bytes)
+            cache.most = found.node_bytes
             for settings in (PLAN.settings, fine):
                 engine.picture(view, settings)
             assert cache.bytes - one <= kept <= cache.bytes  # beside the resident of the root

@@ -344,11 +344,6 @@ class Engine:
             threads=self._drawer.threads,
         )  # fmt: skip
 
-    def keep_nodes(self, most: int | None) -> None:
-        """Keep at most `most` bytes of nodes of splat trees, but those that a picture needs; None
-        for what its settings allow."""
-        self._param.scene.node_cache.most = most
-
     # --- the end ---------------------------------------------------------------------------
 
     def close(self) -> None:

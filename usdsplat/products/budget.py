@@ -35,7 +35,7 @@ class Budget:
     deep_entries: int = ENTRIES
     """See `DeepSize`."""
     node_bytes: int | None = None
-    """Memory for nodes of splat trees, also of other pictures, see `Engine.keep_nodes`."""
+    """Memory for nodes of splat trees, also of other pictures, see `NodeCache.most`."""
     estimate: Estimate
 
     def sentence(self) -> str:

@@ -168,7 +168,7 @@ def draw_frames(
             band_pixels=budgets[plan].band_pixels,
             deep_entries=budgets[plan].deep_entries,
         )
-        engine.keep_nodes(budgets[plan].node_bytes)
+        engine.render_scene.node_cache.most = budgets[plan].node_bytes
         try:
             cancel.check()
             with made_folder(path.parent):
