@@ -142,8 +142,15 @@ CODES: dict[str, Code] = {
     "broken-chunk": Code(
         "error",
         "a layer with the splats of a tree cannot be read, or does not fit its table",
-        "restore the layer, or build the tree again",
+        "restore the layer, or build the tree again; if it replaces the splats on purpose, clear "
+        "splat:chunkDigests",
         "coarser nodes are drawn in its place, or nothing",
+    ),
+    "edited-chunk": Code(
+        "warning",
+        "the splats in a layer of a tree are not those with which the tree was built",
+        "build the tree again, so that its coarser levels show the change",
+        "coarser levels do not show the change",
     ),
     # --- other files ---
     "not-converted": Code(

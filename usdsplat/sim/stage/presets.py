@@ -27,7 +27,7 @@ from usdsplat.sim.stage import spaces
 from usdsplat.sim.stage.authoring import author, relate
 from usdsplat.sim.stage.preset_targets import author_target
 from usdsplat.sim.stage.torus import author_torus
-from usdsplat.sim.stage.trees import TreeCut, is_simulated
+from usdsplat.sim.stage.trees import is_simulated, simulated_cut
 
 PresetName = Literal["grow", "push", "conform", "morph", "dissolve"]
 TARGETED = ("conform", "morph")
@@ -355,7 +355,7 @@ def _scene(stage: Usd.Stage, field: Usd.Prim, last: int) -> Scene:
     own = stage.GetPrimAtPath(field.GetPath())
     matrix = np.asarray(np.linalg.solve(to_world, spaces.to_world(own, start)), np.float64)
     is_tree = schema.is_tree(own)
-    cloud = TreeCut.of(own, SimParameters()).cloud() if is_tree else schema.fetch(own, FIRST)
+    cloud = simulated_cut(own, SimParameters()).cloud() if is_tree else schema.fetch(own, FIRST)
     points = spaces.transform_points(matrix, cloud.positions).astype(np.float64)
     points = points[np.isfinite(points).all(axis=1)]
     if not len(points):

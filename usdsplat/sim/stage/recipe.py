@@ -39,7 +39,7 @@ from usdsplat.sim.stage.parameters import FRAME, instances, read, read_all
 from usdsplat.sim.stage.skeletons import Rigs
 from usdsplat.sim.stage.spaces import Space, up_in
 from usdsplat.sim.stage.targets import SurfaceReader, related
-from usdsplat.sim.stage.trees import TreeCut
+from usdsplat.sim.stage.trees import simulated_cut
 
 __all__ = ["UNGUARDED", "StageRecipe", "find_simulations", "recipes"]
 
@@ -117,7 +117,7 @@ class StageRecipe:
         self.start = asked.start_time if math.isfinite(asked.start_time) else first
         """First frame of the simulation [time code]."""
         self._space = Space(field, asked.space, Usd.TimeCode(self.start))
-        self.cut = TreeCut.of(field, asked) if schema.is_tree(field) else None
+        self.cut = simulated_cut(field, asked) if schema.is_tree(field) else None
         """The cut of a splat tree; None for a field."""
         self._rest, of_field = fields.read_rest(field, self._space.start, self.cut)
         self._selection = fields.read_selection(field, len(self._rest), self._space.start)
