@@ -16,7 +16,7 @@ from usdsplat.sim.stage import fields
 from usdsplat.sim.stage.parameters import read
 from usdsplat.sim.stage.spaces import Space
 from usdsplat.sim.stage.targets import related
-from usdsplat.sim.stage.trees import TreeCut, is_simulated
+from usdsplat.sim.stage.trees import is_simulated, simulated_cut
 
 TARGET = f"{NAMESPACE}:conform:target"
 
@@ -39,7 +39,7 @@ def target_capture(simulation: Usd.Prim, space: Space) -> SplatCloud | None:
     if mode != "transport":
         raise StageError(where, f"a capture, and conform:mode {mode}", "conform:mode transport")
     asked = read(simulation, SimParameters, f"{NAMESPACE}:sim", default)
-    cut = TreeCut.of(prim, asked) if schema.is_tree(prim) else None
+    cut = simulated_cut(prim, asked) if schema.is_tree(prim) else None
     cloud, _ = fields.read_rest(prim, space.start, cut)
     moved = edit.transform(cloud, space.from_prim(prim, space.start))
     return replace(moved, ids=None, velocities=None)

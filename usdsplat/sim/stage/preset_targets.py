@@ -16,7 +16,7 @@ from usdsplat.sim.parameters import SimParameters
 from usdsplat.sim.stage import spaces
 from usdsplat.sim.stage.skeletons import Rigs
 from usdsplat.sim.stage.targets import SHAPES, Triangles
-from usdsplat.sim.stage.trees import TreeCut, is_simulated
+from usdsplat.sim.stage.trees import is_simulated, simulated_cut
 
 GUIDE = UsdGeom.Tokens.guide
 LARGER = 1.5
@@ -105,7 +105,7 @@ def _stand(
 
 def _field_box(prim: Usd.Prim, code: Usd.TimeCode) -> tuple[F64, F64]:
     is_tree = schema.is_tree(prim)
-    cloud = TreeCut.of(prim, SimParameters()).cloud() if is_tree else schema.fetch(prim, code)
+    cloud = simulated_cut(prim, SimParameters()).cloud() if is_tree else schema.fetch(prim, code)
     points = spaces.transform_points(spaces.to_world(prim, code), cloud.positions)
     points = points[np.isfinite(points).all(axis=1)].astype(np.float64)
     if not len(points):

@@ -17,11 +17,12 @@ from pxr import Sdf, Usd, UsdGeom, Vt
 from usdsplat import schema
 from usdsplat.core.cloud import I64, SplatCloud
 from usdsplat.schema import stock, tokens
+from usdsplat.schema.tree_cuts import TreeReading
 from usdsplat.schema.vt import to_vt
 from usdsplat.sim.stage.bake_dense import KINDS, stored
 from usdsplat.sim.stage.plan import ARRAYS, attribute_of
 from usdsplat.sim.stage.sample_layer import SampleLayer
-from usdsplat.sim.stage.trees import TreeCut, author_replacement, replaced_root
+from usdsplat.sim.stage.trees import author_replacement, replaced_root
 
 _KEY = ("usdsplat", "refinement")
 """Key of the record in a layer's data, "usdsplat:refinement" in USD's spelling."""
@@ -41,7 +42,7 @@ def author(
     rest: SplatCloud,
     cloud: SplatCloud,
     rows: I64,
-    cut: TreeCut | None,
+    cut: TreeReading | None,
 ) -> None:
     """Write a refined field.
 
