@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from pxr import Sdf, Usd, UsdGeom
 
-from tests.cli.conftest import ball
+from tests.cli.conftest import ball, passing_sphere
 from usdsplat import schema
 from usdsplat.core.errors import OutputError
 from usdsplat.core.lock import output_lock
@@ -34,12 +34,7 @@ def sim(tmp_path):
     stage.SetDefaultPrim(UsdGeom.Xform.Define(stage, "/World").GetPrim())
     schema.author(stage, "/World/Field", ball(60))
     author(stage.DefinePrim("/World/Sim", "SplatSim"), {"bake:checkpointEvery": 2})
-    sphere = UsdGeom.Sphere.Define(stage, "/World/Sphere")
-    sphere.CreateRadiusAttr(0.2)
-    move = sphere.AddTranslateOp()
-    for frame in (1, 3):
-        move.Set((0.5 * (frame - 2), 0, 0), frame)
-    author(sphere.GetPrim(), {"affector:friction": 0.1})
+    passing_sphere(stage, "/World/Sphere")
     stage.GetRootLayer().Save()
     return path
 
@@ -247,7 +242,7 @@ def test_a_bake_that_fails_before_its_first_checkpoint_leaves_nothing(
     run, sim, tmp_path, monkeypatch
 ):
     """Oracle: the listing; the folder of the results was made by the command, too."""
-    from usdsplat.sim.stage.simulating import Simulation
+    from usdsplat.sim.stage.simulation import Simulation
 
     def fail(self):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
@@ -278,7 +273,7 @@ def test_a_late_error_does_not_remove_a_complete_bake(run, sim, tmp_path, monkey
 def test_an_interrupted_bake_is_a_finding_until_it_is_resumed(run, sim, tmp_path, monkeypatch):
     """Oracle: the codes of `validate` and `render`; the frames on the disk are those that the
     checkpoint after the second of four frames needs: the first."""
-    from usdsplat.sim.stage.simulating import Simulation
+    from usdsplat.sim.stage.simulation import Simulation
 
     advance = Simulation.advance
 
@@ -310,7 +305,7 @@ def test_an_interrupted_bake_is_a_finding_until_it_is_resumed(run, sim, tmp_path
 
 def test_an_interrupted_bake_goes_on_bit_for_bit(run, sim, tmp_path, monkeypatch):
     """Oracle: the same bake, never interrupted."""
-    from usdsplat.sim.stage.simulating import Simulation
+    from usdsplat.sim.stage.simulation import Simulation
 
     whole, broken = tmp_path / "whole.usda", tmp_path / "broken.usda"
     assert run("simulate", sim, "-o", whole)[0] == 0

@@ -2,7 +2,9 @@
 
 examples:
   usdsplat simulate --preset grow scan.ply -o grow.usda
-      make a stage with parameters to edit; presets: grow, push, conform, dissolve
+      make a stage with parameters to edit; presets: grow, push, conform, morph, dissolve
+  usdsplat simulate --preset morph scan.ply --target other.sog -o morph.usda
+      a capture becomes another one; --preset conform --target mesh.usd moves it onto meshes
   usdsplat simulate grow.usda --frames 1:100 -o bake.usda
       run it; bake.usda shows the result, and the capture is not changed
   usdsplat simulate grow.usda -o bake.usda --set rd:preset=coral --set affector:friction=0.5
@@ -50,8 +52,10 @@ class Options:
     """layer of results to write, a .usda; with --preset the stage to make"""
     frames: Annotated[str | None, option("A:B")] = None
     """frames such as 1:100; default: the stage's range"""
-    preset: Annotated[str | None, option("grow|push|conform|dissolve")] = None
+    preset: Annotated[str | None, option("grow|push|conform|morph|dissolve")] = None
     """make a stage that is ready for simulation, and stop"""
+    target: Annotated[Path | None, option("STAGE|CAPTURE")] = None
+    """with --preset conform or morph: meshes to move onto, or a capture to become"""
     overrides: Annotated[tuple[str, ...], option("[/PRIM.]NAME=VALUE", name="set")] = ()
     """value that overrides the stage's parameter, such as rd:preset=coral; may be repeated"""
     list_parameters: Annotated[bool, option()] = False
@@ -91,6 +95,8 @@ def run(options: Options, reporter: Reporter) -> int:
     if options.stage is None or options.output is None:
         missing = "no STAGE" if options.stage is None else "no --output"
         raise UsageError("simulate", missing, "a stage or capture, and -o FILE")
+    if options.target is not None and options.preset is None:
+        raise UsageError("--target", "no --preset", "--preset conform or morph")
     if options.preset is not None:
         return _make(options, options.preset, reporter)
     return _bake(options, options.stage, options.output, reporter)
@@ -114,7 +120,9 @@ def _make(options: Options, preset: str, reporter: Reporter) -> int:
         open_stage(source, options.stage_opening, reporter)
         reporter.findings.check()
     with reporter.progress() as progress:
-        files = make_stage(preset, source, target, axes=options.axes, progress=progress)
+        files = make_stage(
+            preset, source, target, axes=options.axes, progress=progress, goal=options.target
+        )
     if options.json:
         reporter.print_json({"files": [str(path) for path in files]})
         return 0

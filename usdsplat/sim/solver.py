@@ -8,6 +8,7 @@ of steps: times are computed from it and never accumulated.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -18,13 +19,17 @@ from usdsplat.core.cloud import F32, I64
 from usdsplat.core.errors import StageError
 from usdsplat.core.findings import Finding
 from usdsplat.kernels.device import Device
-from usdsplat.sim import population
+from usdsplat.sim import population, styles
+from usdsplat.sim.accretion import Accretion
+from usdsplat.sim.carriers import carriers_of
 from usdsplat.sim.contact import Contacts
 from usdsplat.sim.dissolve import Dissolve
 from usdsplat.sim.flight import fly
 from usdsplat.sim.frame_state import Fades, FrameEvaluator, turned
 from usdsplat.sim.influence import Influence, Influences
-from usdsplat.sim.pattern import Pattern
+from usdsplat.sim.matter_field import MatterField
+from usdsplat.sim.neighbors import nearest
+from usdsplat.sim.pattern import UV, Pattern
 from usdsplat.sim.settle import SPEEDS, settle_back
 from usdsplat.sim.specs import Moment, Recipe
 from usdsplat.sim.state import FREE, PINNED, Frame, State
@@ -49,6 +54,9 @@ class Solver:
         start: The first frame [time code].
         state: State to continue from, made by `checkpoint`; None starts anew.
         lap: Receives the name of each piece of work, for timing.
+        limit: Standard deviation above which splats are large [unit]; they are divided while they
+            move, if the parameters ask for it.
+        parents: Ids of the parents of the field's splats, -1 for none, shape (n,); None for none.
 
     Raises:
         StageError: If something on the stage cannot be simulated.
@@ -63,6 +71,8 @@ class Solver:
         start: float,
         state: State | None = None,
         lap: Lap = lambda name: None,
+        limit: float = math.inf,
+        parents: I64 | None = None,
     ) -> None:
         rest = recipe.rest
         if not len(rest):
@@ -73,12 +83,24 @@ class Solver:
         self._seed, self._dt = sim.seed, self._timeline.dt
         first = recipe.at(self._timeline.time(0))
         self.state = State.of(rest, recipe.selection) if state is None else state
-        self._is_fixed = not (uses.grows or uses.has_births)
-        self._target_pose = TargetPose(device, recipe, first)
-        self._pattern = Pattern(device, rest, uses, first)
+        if state is None and parents is not None:
+            self.state.parents = parents
+        self._is_fixed = not (uses.grows or uses.varies)
+        carriers = carriers_of(device, recipe, uses, first)
+        self._target_pose = TargetPose(device, recipe, first, carriers)
+        self._pattern = Pattern(device, rest, uses, first, carriers)
+        self._accretion: Accretion | None = None
+        if uses.accretes and carriers is not None:
+            origin = nearest(device, rest.positions, carriers.positions, 1)[0][:, 0]
+            own = np.arange(len(rest)) if rest.ids is None else rest.ids
+            self._accretion = Accretion(device, carriers, origin, own, first)
+        self._matter: MatterField | None = None
+        if uses.coheres and carriers is not None:
+            self._matter = MatterField(device, recipe, carriers, first)
         self._contacts = Contacts(device)
         self._influences = Influences(device)
-        strain = Strain(device, is_fixed=self._is_fixed) if uses.collides else None
+        measures = uses.collides and not uses.coheres
+        strain = Strain(device, is_fixed=self._is_fixed) if measures else None
         self._evaluator = FrameEvaluator(device, strain)
         self.trapped = 0
         """Largest number of splats that one step could not move out of the affectors."""
@@ -87,11 +109,20 @@ class Solver:
         self._moment = first
         """Values of the stage at that step, or at the first frame."""
         if state is None:
-            self._target_pose.begin(self.state, first, changes=uses.has_births)
+            if carriers is not None:
+                bound = carriers.bind(device, self.state.rest_positions)
+                if self._matter is not None:
+                    bound = self._matter.bound(bound)
+                bound.keep(self.state)
+            if self._accretion is not None:
+                self._accretion.begin(self.state)
+            self._target_pose.begin(self.state, first, changes=uses.varies)
             self._pattern.begin(self.state, first)
         else:
             self._target_pose.restore(state)
             self._pattern.restore(state)
+            if self._matter is not None:
+                self._matter.restore(state)
         if uses.dissolves:
             Dissolve.of(device, self.state, first.parameters.dissolve, seed=self._seed)
         self._targets = self.state.rest_positions
@@ -141,9 +172,11 @@ class Solver:
             uv = state.uv.copy()
             return Frame(time=self.time, cloud=captured, uv=uv, births=state.births.copy())
         wanted, gradient = self._target_pose.at(state, moment, self.seconds, gradient=True)
+        if self._matter is not None:
+            wanted, gradient = self._matter.carried(state, moment, wanted, gradient)
         frame = self._evaluator.frame(
             state,
-            moment,
+            self._target_pose.stretched(moment),
             wanted,
             gradient,
             normals=self._pattern.normals(state),
@@ -151,6 +184,7 @@ class Solver:
             fades=self._fades(moment),
             seconds=self.seconds,
         )
+        frame = self._target_pose.recolored(frame)
         self._lap("shape")
         if self._last_on == state.step:
             return frame
@@ -161,6 +195,8 @@ class Solver:
         """Return the state with everything needed to continue from it, bit for bit."""
         self._target_pose.remember(self.state)
         self._pattern.remember(self.state)
+        if self._matter is not None:
+            self._matter.remember(self.state)
         if self.has_begun:
             self.state.globals[SEEN] = np.array(self._last_on)
         return self.state
@@ -189,6 +225,8 @@ class Solver:
         self._moment, self._last_on = moment, state.step
         self._targets = self._target_pose.at(state, moment, self.seconds)[0]
         state.positions = self._targets.copy()
+        if self._matter is not None:
+            self._matter.begin(moment, self.seconds)
         if self._uses.deforms:
             state.memory[SPEEDS] = np.zeros_like(state.positions)
         self._influence = self._influences.at(moment.affectors, state.positions)
@@ -212,6 +250,8 @@ class Solver:
             before = self._recipe.at(line.time(state.step - 1))
             seconds = line.seconds(state.step - 1)
             self._targets = self._target_pose.at(state, before, seconds)[0]
+        if self._uses.joins:
+            self._join(after, line.seconds(state.step))
         self._moment, self._last_on = after, state.step
         sim, step = after.parameters.sim, Step(self.seconds, self._dt, self._seed)
         now, dt = step.now, step.dt
@@ -223,7 +263,11 @@ class Solver:
         assembles = self._uses.dissolves and after.parameters.dissolve.mode == "assemble"
         if dissolve is not None and not assembles and dissolve.is_due(state, now=now):
             dissolve.release(state, self._target_normals(after), now=now)
-        if assembles or not after.parameters.particles.enabled:
+        if self._matter is not None:
+            self._matter.advance(before, after, step)
+            if line.is_frame(state.step):
+                self._matter.place(state, after, wanted, line.substeps * dt)
+        elif assembles or not after.parameters.particles.enabled:
             settle_back(
                 self._device, state, self._targets, wanted, after.parameters.settle, dt,
                 max_speed=sim.max_speed,
@@ -239,7 +283,22 @@ class Solver:
         if self._uses.reacts or self._uses.needs_neighbors:
             started = self._update_population(after, step, influence, started, is_first=is_first)
         self._place(after, now)
-        self._contact(started, before, after)
+        if self._matter is None:
+            self._contact(started, before, after)
+        elif line.is_frame(state.step):  # splats must end outside; their carriers were pushed
+            solid = self._matter.affectors(after)
+            self._contact(state.positions.copy(), solid, solid)
+
+    def _join(self, moment: Moment, now: float) -> None:
+        """Let the splats of another capture join, when they begin to appear."""
+        cloud, state, n = self._target_pose.joining(moment, now), self.state, len(self.state)
+        if cloud is None:
+            return
+        population.join(state, cloud, now=now)
+        self._target_pose.append_joined(len(cloud))
+        self._targets = self._target_pose.at(state, self._moment, self.seconds)[0]
+        state.positions[n:] = self._targets[n:]
+        self._lap("joining")
 
     def _update_population(
         self, moment: Moment, step: Step, influence: Influence, started: F32, *, is_first: bool
@@ -250,7 +309,7 @@ class Solver:
         reacts = moment.parameters.rd.enabled
         if is_first:
             if reacts:
-                self._pattern.react(state, moment, influence)
+                self._pattern.react(state, moment, influence, step.now)
             self._lap("reaction")
             if self._uses.needs_neighbors:
                 self._pattern.update_density(state, moment)
@@ -266,9 +325,11 @@ class Solver:
             )  # fmt: skip
         rows: list[I64] = []
         if self._uses.has_births:
+            if is_first and reacts and self._accretion is not None:
+                rows += self._accrete(moment, step)
             is_fertile = reacts and growth.birth_rate > 0
             most = sim.max_count if is_fertile else 0
-            rows = self._change_population(moment, step, most, factor)
+            rows += self._change_population(moment, step, most, factor)
         for source in rows:
             off, started = off[source], started[source]
             self._influence = self._influence.selected(source)
@@ -278,12 +339,32 @@ class Solver:
         self._lap("growth")
         return started
 
+    def _accrete(self, moment: Moment, step: Step) -> list[I64]:
+        """Add new matter, and shape all of it; return the source row of each row, if rows were
+        added."""
+        state, accretion = self.state, self._accretion
+        assert accretion is not None
+        knobs = styles.resolved(moment.parameters.accretion)
+        uv: F32 = state.globals[UV]
+        carriers, rows = accretion.due(state, uv, knobs, moment.parameters.sim.max_count)
+        changes: list[I64] = []
+        if len(rows):
+            changes.append(np.concatenate([np.arange(len(state)), rows]))
+            population.append(state, rows, now=step.now)
+            accretion.bind(state, carriers, knobs)
+            self._target_pose.append_children(rows, state)
+        accretion.shape(state, uv, knobs, step.now)
+        self._lap("new matter")
+        return changes
+
     def _change_population(
         self, moment: Moment, step: Step, maximum: int, factor: F32 | None
     ) -> list[I64]:
         """Apply births, then deaths; return the source row of each row, for each change."""
         state, growth = self.state, moment.parameters.growth
         changes: list[I64] = []
+        if not self._uses.breeds:
+            return changes
         parents = population.births(
             self._device, state, growth, step, self._pattern.neighborhood(state, moment),
             maximum=maximum, rate_factor=factor,
@@ -342,6 +423,7 @@ class Solver:
         """Return the factors of opacity and of size at a time."""
         dimming = tuple(each for each in moment.affectors if each.parameters.role == "opacity")
         alpha = self._influences.at(dimming, self.state.positions).opacity
+        alpha = _product(alpha, self._target_pose.opacity)
         size: F32 | None = None
         if self._uses.has_births:
             alphas, sizes = population.fades(self.state, moment.parameters.growth, now=self.seconds)

@@ -32,10 +32,35 @@ def capture(folder: Path, *, up: str = "Y", fields: int = 1) -> Usd.Stage:
     return stage
 
 
+def other(folder: Path) -> Usd.Stage:
+    """A file with another field of 300 splats."""
+    stage = Usd.Stage.CreateNew(str(folder / "other.usdc"))
+    stage.SetDefaultPrim(UsdGeom.Xform.Define(stage, "/Other").GetPrim())
+    place(schema.author(stage, "/Other/Splats", cloud(9, n=300)), rigid(5, 3.0))
+    stage.Save()
+    return stage
+
+
+def block(folder: Path, up: str = "Z") -> Usd.Stage:
+    """A file with two boxes on each other: 2 x 3 and 9 high."""
+    stage = Usd.Stage.CreateNew(str(folder / "block.usda"))
+    UsdGeom.SetStageUpAxis(stage, up)
+    stage.SetDefaultPrim(UsdGeom.Xform.Define(stage, "/Block").GetPrim())
+    for name, height, middle in (("Low", 4.0, 2.0), ("High", 5.0, 6.5)):
+        cube = UsdGeom.Cube.Define(stage, f"/Block/{name}")
+        cube.CreateSizeAttr(1.0)
+        size = (2, 3, height) if up == "Z" else (2, height, 3)
+        cube.AddTranslateOp().Set((0, 0, middle) if up == "Z" else (0, middle, 0))
+        cube.AddScaleOp().Set(size)
+    stage.Save()
+    return stage
+
+
 def written(folder: Path, name: PresetName, up: str = "Y") -> tuple[Usd.Stage, StageRecipe]:
     """A preset, opened again."""
     (folder / "shots").mkdir()
-    author_preset(name, capture(folder, up=up), folder / "shots" / "sim.usda")
+    goal = other(folder) if name == "morph" else None
+    author_preset(name, capture(folder, up=up), folder / "shots" / "sim.usda", goal=goal)
     stage = Usd.Stage.Open(str(folder / "shots" / "sim.usda"))
     (sim,) = find_simulations(stage)
     (recipe,) = recipes(stage, sim)
@@ -160,3 +185,65 @@ def test_results_over_it_are_stronger_than_the_capture(tmp_path) -> None:
     assert prim.GetPrimStack()[0].layer != stage.GetRootLayer()
     stage.OverridePrim("/World/Scan0").CreateAttribute("x", Sdf.ValueTypeNames.Int).Set(1)
     assert prim.GetPrimStack()[0].layer == stage.GetRootLayer()
+
+
+@pytest.mark.parametrize(("up", "own"), [("Y", "Z"), ("Y", "Y"), ("Z", "Y")])
+def test_meshes_stand_where_the_capture_stands(up, own, tmp_path) -> None:
+    """Oracle: the box of both cubes: upright, half as large again as the capture, on its bottom."""
+    stage = capture(tmp_path, up=up)
+    author_preset("conform", stage, tmp_path / "sim.usda", goal=block(tmp_path, own))
+    made = Usd.Stage.Open(str(tmp_path / "sim.usda"))
+    (recipe,) = recipes(made, find_simulations(made)[0])
+    low, high = box(made)
+    target = recipe.at(1).target
+    assert target is not None
+    points = moved(recipe.at(1).to_world, target.points)
+    axis = "XYZ".index(up)
+    tall = 1.5 * (high - low).max()
+    extent = np.ptp(points, axis=0)
+    assert extent[axis] == pytest.approx(tall, rel=1e-4)
+    assert sorted(extent) == pytest.approx([2 / 9 * tall, 3 / 9 * tall, tall], rel=1e-4)
+    assert points[:, axis].min() == pytest.approx(low[axis], abs=1e-4)
+    middle = np.delete((points.min(axis=0) + points.max(axis=0)) / 2 - (low + high) / 2, axis)
+    np.testing.assert_allclose(middle, 0, atol=1e-4)
+    a, b, c = (points[target.triangles[:, i]] for i in range(3))
+    volume = np.einsum("ti,ti->", a, np.cross(b, c)) / 6
+    assert volume == pytest.approx(54 * (tall / 9) ** 3, rel=1e-3), "they face outwards"
+    holder = UsdGeom.Imageable(made.GetPrimAtPath("/World/Simulation/Target"))
+    assert holder.ComputePurpose() == "guide", "pictures do not show it"
+    references = made.GetRootLayer().GetPrimAtPath("/World/Simulation/Target/Content")
+    (path,) = references.referenceList.prependedItems
+    assert path.assetPath == "./block.usda"
+
+
+def test_a_capture_to_become_is_as_large_as_the_capture(tmp_path) -> None:
+    """Oracle: the boxes of both captures."""
+    stage, recipe = written(tmp_path, "morph")
+    becomes = recipe.at(1).becomes
+    assert becomes is not None and len(becomes) == 300
+    assert recipe.rest.sh.shape[1] >= becomes.sh.shape[1]
+    points = moved(recipe.at(1).to_world, becomes.positions)
+    low, high = box(stage)
+    there = np.percentile(points, (5, 95), axis=0)
+    assert np.ptp(there, axis=0).max() == pytest.approx((high - low).max(), rel=0.15)
+    assert recipe.at(1).target is None
+
+
+def test_targets_that_do_not_fit_are_one_sentence(tmp_path) -> None:
+    """Oracle: the sentences."""
+    stage, into = capture(tmp_path), tmp_path / "a.usda"
+    with pytest.raises(UsageError, match="target: found one for preset push, expected preset con"):
+        author_preset("push", stage, into, goal=other(tmp_path))
+    with pytest.raises(UsageError, match="target: found none, and preset morph, expected a capt"):
+        author_preset("morph", stage, into)
+    solid = block(tmp_path)
+    with pytest.raises(StageError, match="found meshes, expected a capture"):
+        author_preset("morph", stage, into, goal=solid)
+    with pytest.raises(StageError, match="found a capture, expected meshes"):
+        author_preset("conform", stage, into, goal=Usd.Stage.Open(str(tmp_path / "other.usdc")))
+    empty = Usd.Stage.CreateNew(str(tmp_path / "empty.usda"))
+    empty.SetDefaultPrim(empty.DefinePrim("/Empty"))
+    empty.Save()
+    with pytest.raises(StageError, match="found 0 splat fields and 0 meshes, expected meshes, or"):
+        author_preset("conform", stage, into, goal=empty)
+    assert not into.exists()

@@ -13,7 +13,10 @@ from typing import Any, TypeVar
 
 from usdsplat.core.errors import UsageError
 from usdsplat.core.knobs import Knob, checked, checked_value, knobs
+from usdsplat.sim.parameters.accretion import AccretionParameters
 from usdsplat.sim.parameters.affector import AffectorParameters
+from usdsplat.sim.parameters.matter import CarriersParameters, MatterParameters
+from usdsplat.sim.parameters.refine import RefineParameters
 from usdsplat.sim.parameters.result import AppearanceParameters, BakeParameters, DriverParameters
 from usdsplat.sim.parameters.shape import (
     ConformParameters,
@@ -35,18 +38,22 @@ __all__ = [
     "GROUPS",
     "INSTANCED",
     "NAMESPACE",
+    "AccretionParameters",
     "AffectorParameters",
     "AppearanceParameters",
     "BakeParameters",
+    "CarriersParameters",
     "ConformParameters",
     "DeformParameters",
     "DissolveParameters",
     "DriverParameters",
     "GrowthParameters",
+    "MatterParameters",
     "NeighborsParameters",
     "Parameters",
     "ParticlesParameters",
     "RdParameters",
+    "RefineParameters",
     "RelaxParameters",
     "SettleParameters",
     "SimParameters",
@@ -66,10 +73,14 @@ class Parameters:
 
     sim: SimParameters = field(default_factory=SimParameters)
     neighbors: NeighborsParameters = field(default_factory=NeighborsParameters)
+    refine: RefineParameters = field(default_factory=RefineParameters)
+    carriers: CarriersParameters = field(default_factory=CarriersParameters)
     rd: RdParameters = field(default_factory=RdParameters)
     relax: RelaxParameters = field(default_factory=RelaxParameters)
     growth: GrowthParameters = field(default_factory=GrowthParameters)
+    accretion: AccretionParameters = field(default_factory=AccretionParameters)
     settle: SettleParameters = field(default_factory=SettleParameters)
+    matter: MatterParameters = field(default_factory=MatterParameters)
     conform: ConformParameters = field(default_factory=ConformParameters)
     skin: SkinParameters = field(default_factory=SkinParameters)
     particles: ParticlesParameters = field(default_factory=ParticlesParameters)
@@ -81,10 +92,14 @@ class Parameters:
 GROUPS: dict[str, type] = {
     "sim": SimParameters,
     "neighbors": NeighborsParameters,
+    "refine": RefineParameters,
+    "carriers": CarriersParameters,
     "rd": RdParameters,
     "relax": RelaxParameters,
     "growth": GrowthParameters,
+    "accretion": AccretionParameters,
     "settle": SettleParameters,
+    "matter": MatterParameters,
     "conform": ConformParameters,
     "skin": SkinParameters,
     "particles": ParticlesParameters,

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal, get_args
 
@@ -25,10 +25,13 @@ from usdsplat.schema.usd_files import export_layer
 from usdsplat.sim.parameters import SimParameters
 from usdsplat.sim.stage import spaces
 from usdsplat.sim.stage.authoring import author, relate
+from usdsplat.sim.stage.preset_targets import author_target
 from usdsplat.sim.stage.torus import author_torus
-from usdsplat.sim.stage.trees import TreeCut, is_simulated
+from usdsplat.sim.stage.trees import is_simulated, simulated_cut
 
-PresetName = Literal["grow", "push", "conform", "dissolve"]
+PresetName = Literal["grow", "push", "conform", "morph", "dissolve"]
+TARGETED = ("conform", "morph")
+"""Presets that take a target."""
 FIRST, LAST, RATE = 1, 100, 24
 """First and last frame, and frames per second."""
 LEAST, MOST = 5, 95
@@ -60,6 +63,8 @@ class Scene:
     """Rotates vectors of this space to the stage's, (3, 3)."""
     last: int
     """Last frame."""
+    target: Usd.Stage | None = None
+    """What splats conform to; None makes a ring."""
 
     @property
     def size(self) -> float:
@@ -86,7 +91,12 @@ class Scene:
 
 
 def author_preset(
-    name: PresetName, capture: Usd.Stage, target: Path | str, *, last: int = LAST
+    name: PresetName,
+    capture: Usd.Stage,
+    target: Path | str,
+    *,
+    last: int = LAST,
+    goal: Usd.Stage | None = None,
 ) -> None:
     """Write a stage in which a capture is simulated, from frame 1 on at 24 frames per second.
 
@@ -95,21 +105,29 @@ def author_preset(
 
     Args:
         name: "grow": a labyrinth pattern colours, raises and multiplies splats, and a ball passes
-            slowly. "push": a ball passes through. "conform": splats move onto a ring around them.
-            "dissolve": splats are blown away.
+            slowly. "push": a ball passes through. "conform": splats move onto a ring around them,
+            or onto the meshes of `goal`. "morph": they become the capture of `goal`. "dissolve":
+            splats are blown away.
         capture: A stage from a file, with one splat field or splat tree.
         target: A .usda or .usdc file, replaced when complete; it refers to the capture by a
             relative path.
         last: Frame at which the ball has passed and the pattern has formed, at least 24.
+        goal: A stage from a file with meshes or one splat field, for the presets in TARGETED; it is
+            referred to, and stands where the capture stands.
 
     Raises:
         UsageError: If there is no such preset.
-        StageError: If the stage is not from a file, or from one of a name that a layer cannot refer
-            to, does not have exactly one field or tree, or has a simulation.
+        StageError: If a goal is missing or cannot be used, or the stage is not from a file, or from
+            one of a name that a layer cannot refer to, does not have exactly one field or tree, or
+            has a simulation.
         OutputError: If the target cannot be written.
     """
     if name not in get_args(PresetName):
         raise UsageError("preset", repr(name), f"one of {', '.join(get_args(PresetName))}")
+    if goal is not None and name not in TARGETED:
+        raise UsageError("target", f"one for preset {name}", f"preset {' or '.join(TARGETED)}")
+    if goal is None and name == "morph":
+        raise UsageError("target", "none, and preset morph", "a capture to become")
     field, file = _only_field(capture), Path(capture.GetRootLayer().realPath)
     check_referable(file)
     final = Path(os.path.realpath(target))
@@ -126,7 +144,7 @@ def author_preset(
     stage.SetEndTimeCode(last)
     if capture.GetDefaultPrim():
         root.defaultPrim = capture.GetRootLayer().defaultPrim
-    scene = _scene(stage, field, last)
+    scene = replace(_scene(stage, field, last), target=goal)
     UsdGeom.Scope.Define(stage, scene.parent)
     sim = stage.DefinePrim(scene.parent.AppendChild("Sim"), "SplatSim")
     _include(sim, "splats", field.GetPath())
@@ -134,7 +152,10 @@ def author_preset(
     _PRESETS[name](scene, sim)
     copy = Sdf.Layer.CreateAnonymous(".usda")  # of no stage, which would look for the capture
     copy.TransferContent(root)
-    copy.subLayerPaths = [_relative(file, final.parent)]
+    for used in (capture, goal):
+        if used is not None:
+            layer = used.GetRootLayer().realPath
+            copy.UpdateCompositionAssetDependency(layer, _relative(Path(layer), final.parent))
     export_layer(copy, final)
 
 
@@ -188,7 +209,51 @@ def _push(scene: Scene, sim: Usd.Prim) -> None:
 
 
 def _conform(scene: Scene, sim: Usd.Prim) -> None:
-    """Author splats that move onto a ring around them, and rotate with it."""
+    """Author splats that move onto a target, or onto a ring around them, and ride on it."""
+    if scene.target is None:
+        target = _ring(scene)
+    else:
+        target = _target(scene)
+        if is_simulated(target):
+            found = scene.target.GetRootLayer().identifier
+            raise StageError(found, "a capture", "meshes; preset morph takes a capture")
+    author(sim, _TRANSPORT)
+    relate(sim, "conform:target", target)
+
+
+def _morph(scene: Scene, sim: Usd.Prim) -> None:
+    """Author splats that become another capture."""
+    assert scene.target is not None  # checked by author_preset
+    target = _target(scene)
+    if not is_simulated(target):
+        found = scene.target.GetRootLayer().identifier
+        raise StageError(found, "meshes", "a capture; preset conform takes meshes")
+    author(sim, _TRANSPORT)
+    relate(sim, "conform:target", target)
+
+
+_TRANSPORT = {
+    "carriers:count": 14000,
+    "conform:weight": 1.0,
+    "conform:start": 0.5,
+    "conform:duration": 1.75,
+    "conform:stagger": 1.0,
+    "settle:omega": 30.0,
+}
+"""Values of the presets that transport splats, which arrive before the last frame."""
+
+
+def _target(scene: Scene) -> Usd.Prim:
+    """Reference the target where the capture is."""
+    assert scene.target is not None
+    path = scene.parent.AppendChild("Target")
+    half = scene.extent / 2
+    low, high = scene.center - half, scene.center + half
+    return author_target(scene.stage, path, scene.target, low, high, time=FIRST)
+
+
+def _ring(scene: Scene) -> Usd.Prim:
+    """Author a ring around the capture that turns."""
     level = np.delete(scene.extent, scene.up)
     outer = 0.5 * float(np.hypot(*level)) + 0.1 * scene.size
     ring = author_torus(
@@ -202,22 +267,8 @@ def _conform(scene: Scene, sim: Usd.Prim) -> None:
     turn = ring.AddRotateYOp() if scene.up == 1 else ring.AddRotateZOp()
     for frame, angle in ((FIRST, 0.0), (scene.last, 60.0)):
         turn.Set(angle, frame)
-    author(
-        sim,
-        {
-            "conform:weight": 1.0,
-            "conform:start": 0.5,
-            "conform:duration": 2.0,
-            "conform:stagger": 1.0,
-            "conform:order": "distance",
-            "conform:mode": "closest",
-            "conform:orient": 1.0,
-            "conform:scaleMode": "preserve",
-            "conform:keepThickness": 0.0,
-            "settle:omega": 12.0,
-        },
-    )
-    relate(sim, "conform:target", ring.GetPrim())
+    ring.CreatePurposeAttr(UsdGeom.Tokens.guide)
+    return ring.GetPrim()
 
 
 def _dissolve(scene: Scene, sim: Usd.Prim) -> None:
@@ -247,6 +298,7 @@ _PRESETS: dict[str, Callable[[Scene, Usd.Prim], None]] = {
     "grow": _grow,
     "push": _push,
     "conform": _conform,
+    "morph": _morph,
     "dissolve": _dissolve,
 }
 
@@ -303,7 +355,7 @@ def _scene(stage: Usd.Stage, field: Usd.Prim, last: int) -> Scene:
     own = stage.GetPrimAtPath(field.GetPath())
     matrix = np.asarray(np.linalg.solve(to_world, spaces.to_world(own, start)), np.float64)
     is_tree = schema.is_tree(own)
-    cloud = TreeCut.of(own, SimParameters()).cloud() if is_tree else schema.fetch(own, FIRST)
+    cloud = simulated_cut(own, SimParameters()).cloud() if is_tree else schema.fetch(own, FIRST)
     points = spaces.transform_points(matrix, cloud.positions).astype(np.float64)
     points = points[np.isfinite(points).all(axis=1)]
     if not len(points):
