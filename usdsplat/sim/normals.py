@@ -6,6 +6,7 @@ import numpy as np
 
 from usdsplat.core.cloud import F32
 from usdsplat.kernels.device import Device
+from usdsplat.kernels.normals.axes import thin_axes
 from usdsplat.kernels.sim import normals as kernels
 from usdsplat.sim.neighbors import Graph
 
@@ -36,7 +37,7 @@ def axes(device: Device, rotations: F32, scales: F32) -> F32:
         Unit vectors, shape (n, 3).
     """
     found: F32 = device.empty(scales.shape, np.float32)
-    device.run(kernels.thin_axes, rotations, scales, found)
+    device.run(thin_axes, rotations, scales, found)
     return found
 
 

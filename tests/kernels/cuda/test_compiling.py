@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from usdsplat.kernels import ahead, signatures, sim, store, thinning
+from usdsplat.kernels import ahead, normals, signatures, sim, store, thinning
 from usdsplat.kernels.compiling import compile_time, on_compile
 from usdsplat.kernels.cuda.device import form_of
 from usdsplat.kernels.launch import Kernel
@@ -23,6 +23,7 @@ from .launches import kernel_of, name_of, source_of
 CAPABILITIES = ((8, 0), (9, 0))
 """A GPU of 2020, and one of those that have instructions of their own."""
 ON_THE_CPU = {
+    "normals.density.deposit": "one thread for each grid, because sums depend on their order",
     "sim.bvh.build_order": "a tree is built top down, once for a mesh",
     "sim.bvh.fit_boxes": "from the leaves up, after it",
     "sim.carriers.throw": "darts land one after the other, once for a simulation",
@@ -50,7 +51,7 @@ def _kernels(package: ModuleType) -> dict[str, Callable[..., Any]]:
     return found
 
 
-KERNELS = _kernels(sim) | _kernels(thinning)
+KERNELS = _kernels(sim) | _kernels(thinning) | _kernels(normals)
 
 
 def test_the_table_has_every_kernel() -> None:

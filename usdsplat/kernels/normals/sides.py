@@ -1,9 +1,9 @@
 """Choose the outer side of all splats together.
 
 The signs s of normals maximise the sum of `pull` s over splats and of `link` s s' over neighbours:
-`pull` says which side of a splat is preferred, `link` how surely two neighbours are on the same sheet.
-The sum is maximised greedily: again and again, all nodes of a graph join the neighbour, or the
-ground whose sign is +, to which their link is strongest, and parallel links are added up.
+`pull` says which side of a splat is preferred, `link` how surely two neighbours are on the same
+sheet. The sum is maximised greedily: again and again, all nodes of a graph join the neighbour, or
+the ground whose sign is +, to which their link is strongest, and parallel links are added up.
 
 Source: Hoppe et al. 1992, "Surface reconstruction from unorganized points", for the graph; Keuper
 et al. 2015, "Efficient decomposition of image and mesh graphs by lifted multicuts", for the greedy
@@ -43,8 +43,8 @@ UNIT = 1 << 20
 def preference(positions, middle, extent, normals, views, flat, i):
     """Return a number in [-1, 1], positive if the normal of splat `i` is on the preferred side.
 
-    In fuzzy matter that is the more open side. A closed surface has it outside. A sheet that is open
-    on both sides, such as ground, faces the middle of the capture.
+    In fuzzy matter that is the more open side. A closed surface has it outside. A sheet that is
+    open on both sides, such as ground, faces the middle of the capture.
     """
     nx, ny, nz = np.float64(normals[i, 0]), np.float64(normals[i, 1]), np.float64(normals[i, 2])
     best = nx * views[i, BEST] + ny * views[i, BEST + 1] + nz * views[i, BEST + 2]

@@ -22,7 +22,8 @@ SOFT, HARD = 0.6, 0.95
 """Flatness from which a splat begins to listen only to neighbours that agree with it, and from
 which it does so fully. Below, splats are in fuzzy matter and average all around."""
 AGREEING = 12.0
-"""How fast the weight of a flat splat's neighbour falls with 1 - cosine: to a half at 19 degrees."""
+"""How fast the weight of a flat splat's neighbour falls with 1 - cosine: to a half at 19
+degrees."""
 ANCHOR = 1.0
 """Weight of the open direction of a splat in a volume, relative to its neighbours."""
 RING = 8
@@ -93,7 +94,8 @@ def begin(i, axes, flatness, neighbors, colors, sampled, stride, views, contrast
         neighbors: See `planes.planes`.
         colors: (n, 3) f32.
         sampled, stride: Result of `openness.look_around`.
-        views: Receives the mean of the neighbours' rows of `sampled`, (n, VIEW) f32.
+        views: Receives the mean of the neighbours' rows of `sampled`, or the nearest one on the
+            curve, (n, VIEW) f32.
         contrast: Receives the mean squared difference of the neighbours' colours, (n,) f32.
         out: Receives unit vectors of any sign, (n, 3) f32: the axis on a sheet, the open direction
             in a volume.
@@ -112,7 +114,10 @@ def begin(i, axes, flatness, neighbors, colors, sampled, stride, views, contrast
                 views[i, c] += sampled[j // stride, c]
             samples += 1
     for c in range(VIEW):
-        views[i, c] /= max(samples, 1)
+        if samples > 0:
+            views[i, c] /= samples
+        else:
+            views[i, c] = sampled[i // stride, c]
     x, y, z = views[i, BEST], views[i, BEST + 1], views[i, BEST + 2]
     contrast[i] = max(total / max(count, 1), LIKE * LIKE)
     flat = np.float64(flatness[i])

@@ -1,4 +1,4 @@
-"""Normals of splats that a lighter can use, and how far to trust them.
+"""Normals of splats that a lighter can use, how far to trust them, and occlusion.
 
 The steps, each a kernel of `kernels.normals`:
 
@@ -20,12 +20,12 @@ import numpy as np
 import numpy.typing as npt
 
 from usdsplat.core import quaternion
-from usdsplat.core.cloud import F32, F64, I32
+from usdsplat.core.cloud import F32, I32
 from usdsplat.kernels.device import Device
 from usdsplat.kernels.normals import openness, planes, sides, smoothing
 from usdsplat.kernels.points.curve_order import curve_order
-from usdsplat.kernels.points.matter import Matter
 from usdsplat.kernels.points.nearest import nearest
+from usdsplat.kernels.points.optical_grids import OpticalGrids
 
 NEIGHBORS = 24
 """Number of neighbours of a splat."""
@@ -49,6 +49,9 @@ class SurfaceNormals:
     """Unit vectors that point out of the matter, shape (n, 3)."""
     confidence: F32
     """From 1 on flat sheets to 0 in a volume and for strays, shape (n,)."""
+    occlusion: F32
+    """Part of the sky above each splat that other splats hide, weighted by the cosine to its
+    normal, from 0 to 1, shape (n,)."""
 
 
 def surface_normals(
@@ -73,21 +76,28 @@ def surface_normals(
             over edges of colour. None if all are alike.
 
     Returns:
-        Finite unit vectors and confidences, for all splats. Splats that are not finite, strays, and
-        fewer than seven splats have confidence 0. Normals of a closed surface point outwards; those
-        of a sheet that is open on both sides agree, and point to positive x + y + z.
+        Finite unit vectors, confidences and occlusions, for all splats. Splats that are not finite,
+        strays, and fewer than seven splats have confidence 0. Normals of a closed surface point
+        outwards; those of a sheet that is open on both sides agree, and point to the middle of the
+        capture.
     """
     n = len(positions)
     if n == 0:
-        return SurfaceNormals(normals=np.zeros((0, 3), np.float32), confidence=np.zeros(0, np.float32))
+        nothing = np.zeros(0, np.float32)
+        return SurfaceNormals(
+            normals=np.zeros((0, 3), np.float32), confidence=nothing, occlusion=nothing
+        )
     order = curve_order(device, positions)
     cloud = _Sorted.of(order, positions, rotations, scales, opacities, colors)
-    normals, confidence = _computed(device, cloud)
+    computed = _computed(device, cloud)
     found = SurfaceNormals(
-        normals=np.empty((n, 3), np.float32), confidence=np.empty(n, np.float32)
+        normals=np.empty((n, 3), np.float32),
+        confidence=np.empty(n, np.float32),
+        occlusion=np.empty(n, np.float32),
     )
-    found.normals[order] = normals
-    found.confidence[order] = confidence
+    found.normals[order] = computed.normals
+    found.confidence[order] = computed.confidence
+    found.occlusion[order] = computed.occlusion
     return found
 
 
@@ -118,7 +128,7 @@ class _Sorted:
         sizes, opaque = scales[order], np.clip(opacities[order], 0, 1)
         sound = np.isfinite(turns).all(axis=1) & np.isfinite(sizes).all(axis=1)
         sound &= np.isfinite(opaque)
-        turns[~sound] = np.float32([1, 0, 0, 0])
+        turns[~sound] = np.array([1, 0, 0, 0], np.float32)
         sizes = np.where(sound[:, None], sizes, np.float32(0))
         opaque = np.where(sound, opaque, np.float32(0))
         shades = np.zeros((len(order), 3), np.float32)
@@ -135,8 +145,8 @@ class _Sorted:
         )
 
 
-def _computed(device: Device, cloud: _Sorted) -> tuple[F32, F32]:
-    """Return normals and confidence of splats along the curve."""
+def _computed(device: Device, cloud: _Sorted) -> SurfaceNormals:
+    """Return the normals of splats along the curve."""
     n, run, keep = len(cloud.positions), device.run, device.keep
     found, apart = nearest(device, cloud.positions, cloud.positions, NEIGHBORS + 1)
     neighbors, distances = keep(found), keep(apart)
@@ -147,14 +157,14 @@ def _computed(device: Device, cloud: _Sorted) -> tuple[F32, F32]:
         planes.planes, positions, keep(cloud.rotations), keep(cloud.scales), keep(cloud.weights),
         neighbors, distances, axes, flatness,
     )  # fmt: skip
-    matter = Matter.of(
+    grids = OpticalGrids.of(
         device, cloud.positions, cloud.rotations, cloud.scales, cloud.opacities,
         cell=CELL * spacing(apart),
     )  # fmt: skip
     sampled = device.resident((-(-n // STRIDE), openness.VIEW), np.float32)
     run(
-        openness.look_around, keep(matter.positions), axes, STRIDE, keep(matter.density),
-        keep(sphere_directions(DIRECTIONS)), 4.0 * matter.extent, sampled,
+        openness.look_around, keep(grids.positions), axes, STRIDE, keep(grids.density),
+        keep(sphere_directions(DIRECTIONS)), 4.0 * grids.extent, sampled,
     )  # fmt: skip
     views = device.resident((n, openness.VIEW), np.float32)
     run(
@@ -166,7 +176,7 @@ def _computed(device: Device, cloud: _Sorted) -> tuple[F32, F32]:
         normals, other = other, normals
     weights, pull = device.resident((n, sides.NEAREST), np.int32), device.empty(n, np.int64)
     run(
-        sides.links, positions, matter.middle, matter.extent * matter.cell, normals, flatness,
+        sides.links, positions, grids.middle, grids.extent * grids.cell, normals, flatness,
         views, neighbors, distances, weights, pull,
     )  # fmt: skip
     side = outer_sides(device, device.fetch(weights), found, pull)
@@ -178,8 +188,13 @@ def _computed(device: Device, cloud: _Sorted) -> tuple[F32, F32]:
             agreement,
         )  # fmt: skip
         normals, other = other, normals
-    confidence = device.fetch(flatness) * device.fetch(agreement)
-    return device.fetch(normals), np.clip(confidence, 0, 1)
+    hidden = device.resident(n, np.float32)
+    run(openness.occlusion, normals, views, hidden)
+    return SurfaceNormals(
+        normals=device.fetch(normals),
+        confidence=np.clip(device.fetch(flatness) * device.fetch(agreement), 0, 1),
+        occlusion=device.fetch(hidden),
+    )
 
 
 def spacing(distances: F32) -> float:

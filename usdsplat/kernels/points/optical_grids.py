@@ -26,7 +26,7 @@ TERMS = 2048
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Matter:
+class OpticalGrids:
     """Optical density of a cloud on nested grids."""
 
     positions: F32
@@ -50,7 +50,7 @@ class Matter:
         opacities: F32,
         *,
         cell: float,
-    ) -> Matter:
+    ) -> OpticalGrids:
         """Distribute the optical depth of splats over grids.
 
         Args:
