@@ -52,7 +52,7 @@ def line(rng: random.Random, name: str) -> list[str]:
     known = list(arguments_of(command.Options))
     words = [rng.choice(KNOWN) if rng.random() < 0.8 else value(rng)]
     words += [target(rng)] if name == "convert" else []
-    if name in ("render", "match", "simulate") and rng.random() < 0.9:
+    if name in ("render", "match", "normals", "simulate") and rng.random() < 0.9:
         words += ["-o", target(rng)]
     if name == "render":  # small and short, if nothing else is asked for
         words += ["--resolution", "16x12", "--threads", "1"]

@@ -30,6 +30,7 @@ COMMANDS = {
     "render": "render a stage or a capture to EXR or PNG",
     "simulate": "simulate the splats of a stage, and bake the result into a layer",
     "match": "grade splats to match a plate or a colour chart",
+    "normals": "author normals, confidence and occlusion of splats, in a layer of their own",
     "demo": "make a capture, a stage, pictures and sequences, as a tour of the features",
     "compile": "compile all kernels ahead of time, so that later commands do not wait for it",
     "plugin-path": "print the plug-in folders for usdview and other USD applications",

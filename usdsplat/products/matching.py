@@ -4,7 +4,6 @@ compare again."""
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,13 +18,12 @@ from usdsplat.core.cloud import F64
 from usdsplat.core.errors import FormatError, StageError, UsageError
 from usdsplat.core.findings import Finding, finding
 from usdsplat.core.grade import Grade
-from usdsplat.core.readable import check_referable
 from usdsplat.delegate.engine import Engine
 from usdsplat.images.color import convert
 from usdsplat.images.match import fit_grade, in_primaries
 from usdsplat.images.plate import Plate, read_plate
 from usdsplat.images.science import chart, delta_e
-from usdsplat.interchange.files import save
+from usdsplat.interchange.over_layer import save_over
 from usdsplat.products.planning import find_camera
 from usdsplat.render.settings import RenderSettings
 from usdsplat.render.specs import View
@@ -36,13 +34,6 @@ CODES = (0.02, 0.98)
 """Range of sRGB code values of the splats without clipping."""
 MOST = 200_000
 """Maximum number of pixels for the fit; a larger set is subsampled evenly."""
-
-ROOT_METADATA = (
-    "defaultPrim", "upAxis", "metersPerUnit", "kilogramsPerUnit", "timeCodesPerSecond",
-    "framesPerSecond", "framePrecision", "startTimeCode", "endTimeCode", "colorManagementSystem",
-    "colorConfiguration", "renderSettingsPrimPath", "fallbackPrimTypes",
-)  # fmt: skip
-"""Metadata that USD reads from the root layer only. The new root layer must repeat it."""
 
 Pixels = npt.NDArray[np.float32]
 
@@ -126,7 +117,7 @@ def match(engine: Engine, stage: Usd.Stage, request: MatchRequest) -> MatchRepor
     differences = [delta_e(colors, goal.wanted) for colors in (found, after)]
     if differences[1].mean() > differences[0].mean():
         notes.append("the grade is no improvement: check that both show the same view")
-    _save(grades, stage, request.target)
+    save_over(grades, stage, request.target)
     return MatchReport(
         target=str(request.target),
         prim_paths=tuple(str(prim.GetPath()) for prim in fields),
@@ -292,18 +283,3 @@ def _region(name: str, value: Any) -> tuple[int, int, int, int]:
     except (TypeError, ValueError):
         raise UsageError(f"patch {name!r}", repr(value), "x0,y0,x1,y1 in pixels") from None
     return x0, y0, x1, y1
-
-
-def _save(grades: Sdf.Layer, stage: Usd.Stage, target: Path) -> None:
-    """Save the grades as a separate layer over the stage's root layer."""
-    root = stage.GetRootLayer()
-    layer = Sdf.Layer.CreateAnonymous(".usda")  # a copy, because the stage uses the grades
-    layer.TransferContent(grades)
-    for key in ROOT_METADATA:
-        if root.pseudoRoot.HasInfo(key):
-            layer.pseudoRoot.SetInfo(key, root.pseudoRoot.GetInfo(key))
-    folder = os.path.realpath(target.parent)
-    check_referable(root.realPath, folder)
-    path = os.path.relpath(root.realPath, folder)
-    layer.subLayerPaths.append(Path(path).as_posix() if path[0] == "." else f"./{path}")
-    save(layer, target)

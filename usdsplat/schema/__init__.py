@@ -34,6 +34,7 @@ from usdsplat.schema.lod_roots import is_lod_root, read_lod_root
 from usdsplat.schema.packing import harmonics_width
 from usdsplat.schema.proxy import place as place_proxy
 from usdsplat.schema.proxy import settle as settle_proxy
+from usdsplat.schema.surface_primvars import SurfacePrimvars, author_surface, fetch_surface
 from usdsplat.schema.tokens import DATA_ATTRIBUTES, GRADE_ATTRIBUTES, Form
 from usdsplat.schema.tree import (
     Tree,
@@ -54,10 +55,12 @@ __all__ = [
     "DrawingHints",
     "Finding",
     "Form",
+    "SurfacePrimvars",
     "Tree",
     "author",
     "author_grade",
     "author_lod_root",
+    "author_surface",
     "author_tree",
     "broken_rules",
     "color_space",
@@ -66,6 +69,7 @@ __all__ = [
     "error_bounds",
     "fetch",
     "fetch_packed",
+    "fetch_surface",
     "footprint",
     "form_of",
     "grade",

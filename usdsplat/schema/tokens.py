@@ -74,6 +74,12 @@ GRADE_GAIN = "splat:grade:gain"
 GRADE_SATURATION = "splat:grade:saturation"
 GRADE_MATRIX = "splat:grade:matrix"
 
+NORMALS = "normals"
+CONFIDENCE = "splat:confidence"
+OCCLUSION = "splat:occlusion"
+"""Primvars of normals, how far to trust them, and the hidden part of the sky, without the prefix
+of their attributes, `primvars:`."""
+
 COLOR_SPACE = "colorSpace:name"
 PURPOSE = "purpose"
 PROXY_PRIM = "proxyPrim"

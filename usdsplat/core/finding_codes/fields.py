@@ -28,6 +28,11 @@ CODES: dict[str, Code] = {
         "a bake was interrupted, and lacks frames",
         "continue it with simulate --resume and the same --set, or bake it again with --force",
     ),
+    "no-normals": Code(
+        "warning",
+        "normals cannot be authored on a field",
+        "edit the field outside its instance, or make normals of the captures of a splat tree",
+    ),
     "left-out-of-simulation": Code(
         "warning",
         "a field or its ids are not simulated as authored",
