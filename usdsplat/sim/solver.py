@@ -93,7 +93,10 @@ class Solver:
         if uses.accretes and carriers is not None:
             origin = nearest(device, rest.positions, carriers.positions, 1)[0][:, 0]
             own = np.arange(len(rest)) if rest.ids is None else rest.ids
-            self._accretion = Accretion(device, carriers, origin, own, first)
+            weight = (
+                np.ones(len(rest), np.float32) if recipe.selection is None else recipe.selection
+            )
+            self._accretion = Accretion(device, carriers, origin, own, weight, first)
         self._matter: MatterField | None = None
         if uses.coheres and carriers is not None:
             self._matter = MatterField(device, recipe, carriers, first)
