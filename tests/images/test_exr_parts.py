@@ -64,7 +64,8 @@ def test_each_aov_is_a_part_called_as_compositors_expect(tmp_path):
     write(tmp_path / "a.exr", layout, pixels, compression="none")
     file = ExrFile(tmp_path / "a.exr")
     assert [header["name"][1].decode() for header, _ in file.parts] == [
-        *("rgba", "depth", "Zfront", "Zexp", "N", "P", "albedo"),
+        *("rgba", "depth", "Zfront", "Zexp", "N", "Naxis", "confidence", "occlusion"),
+        *("P", "albedo"),
         *("forward", "backward", "cryptoObject", "cryptoAsset", "cryptoMaterial", "ids"),
     ]
     found = {name: array for _, arrays in file.parts for name, array in arrays.items()}

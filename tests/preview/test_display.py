@@ -298,13 +298,25 @@ def test_a_matte_has_the_colours_of_its_prims_by_their_coverage(display):
     assert (found[0, 1] == 255).all()
 
 
+@pytest.mark.parametrize("aov", ["confidence", "occlusion"])
+def test_fractions_go_from_one_end_of_the_ramp_to_the_other(display, aov):
+    """Oracle: black, the middle and white."""
+    values = {aov: np.float32([[0, 0.5, 1]]), "depth": np.ones((1, 3), np.float32)}
+    found = display.image(Look(aov=aov), values, DisplaySettings(colormap="grey"))
+    assert (found[0, 0] == 0).all()
+    assert (abs(found[0, 1].astype(int) - 127) <= 1).all()
+    assert (found[0, 2] == 255).all()
+
+
 @pytest.mark.parametrize("aov", list(AOVS))
 def test_every_aov_can_be_shown_where_nothing_is(display, aov):
     """Oracle: the background, whatever is asked for."""
     nothing = {
         "color": np.zeros((3, 4, 4)), "albedo": np.zeros((3, 4, 3)), "depth": np.full((3, 4), INF),
         "depthFront": np.full((3, 4), INF), "depthExpected": np.full((3, 4), INF),
-        "Neye": np.zeros((3, 4, 3)), "P": np.zeros((3, 4, 3)), "cryptoObject": np.zeros((3, 4, 12)),
+        "Neye": np.zeros((3, 4, 3)), "Naxis": np.zeros((3, 4, 3)), "confidence": np.zeros((3, 4)),
+        "occlusion": np.zeros((3, 4)), "P": np.zeros((3, 4, 3)),
+        "cryptoObject": np.zeros((3, 4, 12)),
         "cryptoAsset": np.zeros((3, 4, 4)), "cryptoMaterial": np.zeros((3, 4, 32)),
         "motionForward": np.zeros((3, 4, 2)), "motionBackward": np.zeros((3, 4, 2)),
     }  # fmt: skip

@@ -99,20 +99,20 @@ def test_splats_are_counted_once_with_their_rims():
 
 
 def test_normals_are_those_of_the_aov():
-    """Oracle: the AOV Neye, which averages the same normals, of splats that do not overlap."""
+    """Oracle: the AOV Naxis, which averages the same normals, of splats that do not overlap."""
     rng = np.random.default_rng(0)
     grid = [(0.5 * x, 0.5 * y, 0.0) for x in (-2, 0, 2) for y in (-2, 0, 2)]
     turns = rng.normal(size=(9, 4)).astype(np.float32)
     turns /= np.linalg.norm(turns, axis=1, keepdims=True)
     cloud = replace(splats(grid, scales=(0.08, 0.06, 0.02)), rotations=turns)
-    found = drawn(cloud, aovs=("color", "Neye"), display_mode="normals")
-    color, normal = found["color"], found["Neye"]
+    found = drawn(cloud, aovs=("color", "Naxis"), display_mode="normals")
+    color, normal = found["color"], found["Naxis"]
     there = color[..., 3] > 0
     straight = color[there, :3] / color[there, 3:]
     np.testing.assert_allclose(straight, 0.5 * normal[there] + 0.5, atol=1e-5)
-    plain = drawn(cloud, aovs=("color", "Neye"))
+    plain = drawn(cloud, aovs=("color", "Naxis"))
     np.testing.assert_array_equal(plain["color"][..., 3], color[..., 3])
-    np.testing.assert_array_equal(plain["Neye"], normal)
+    np.testing.assert_array_equal(plain["Naxis"], normal)
 
 
 @pytest.mark.parametrize("mode", MODES)

@@ -106,8 +106,32 @@ _ALL = (
         hydra="Neye",
         channels=("N.x", "N.y", "N.z"),
         kind="data",
-        meaning="unit normal in camera space (x right, y up, z towards the eye), the mean weighted "
-        "by contributions to the pixel's coverage; 0 in empty pixels",
+        meaning="unit normal of surfaces in camera space (x right, y up, z towards the eye), the "
+        "mean weighted by contributions to the pixel's coverage; 0 in empty pixels",
+    ),
+    Aov(
+        name="Naxis",
+        hydra="Naxis",
+        channels=("Naxis.x", "Naxis.y", "Naxis.z"),
+        kind="data",
+        meaning="unit normal as N, but from the thinnest axes of the splats, turned to the eye; 0 "
+        "in empty pixels",
+    ),
+    Aov(
+        name="confidence",
+        hydra="confidence",
+        channels=("confidence",),
+        kind="data",
+        meaning="confidence of N, from 1 on flat sheets to 0 in a volume, the mean weighted by "
+        "contributions to the pixel's coverage; 0 in empty pixels",
+    ),
+    Aov(
+        name="occlusion",
+        hydra="occlusion",
+        channels=("occlusion",),
+        kind="data",
+        meaning="part of the sky above the splats that others of their field hide, the mean "
+        "weighted by contributions to the pixel's coverage; 0 on surfaces and in empty pixels",
     ),
     Aov(
         name="P",

@@ -39,6 +39,22 @@ def put(out, y, x, color):
 # --- 2. CPU ----------------------------------------------------------------------------
 
 
+@kernel(over="parts", writes=("out",), axes=2)
+def fractions(y, x, parts, depth, ramp, background, square, out):
+    """Colour numbers from 0 to 1 by a ramp.
+
+    Args:
+        parts: Shape (h, w) f32.
+        depth: Shape (h, w) f32; infinite where pixels are empty.
+        ramp: Colours, shape (n, 3) u8.
+    """
+    if abs(depth[y, x]) < np.float32(np.inf):
+        part = min(max(parts[y, x], np.float32(0)), np.float32(1))
+        put(out, y, x, ramp[np.uint32(part * np.float32(ramp.shape[0] - 1) + np.float32(0.5))])
+    else:
+        put(out, y, x, background[y // square & 1, x])
+
+
 @kernel(over="depth", writes=("out",), axes=2)
 def depths(y, x, depth, white, per_unit, ramp, background, square, out):
     """Colour depths by a ramp; infinite depths are empty.

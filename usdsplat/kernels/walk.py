@@ -30,6 +30,9 @@ from .contributions import (
 )
 from .deep import merge
 from .feature import ALBEDO as ALBEDO_COLUMN
+from .feature import AXIS as AXIS_COLUMN
+from .feature import EXPECTED as EXPECTED_COLUMN
+from .feature import FEATURES
 from .feature import NORMAL as NORMAL_COLUMN
 from .jit import parallel, scalar
 from .lane_keys import LINE, aligned, any_of, depths_of, look_up, place_of, sort_rows
@@ -37,10 +40,13 @@ from .lanes import bits, choose, load, lowest_bit, ramp, spread, store
 from .project import RED
 from .weigh import NONE, number_prims, strongest
 
-COLOR, ALBEDO, NORMALS, DEPTHS, MEDIAN, FRONT, WEIGH, COUNT, FILL = (1 << k for k in range(9))
-"""Products, as bits: sums of colours, albedos, normals and depths over contributions; the
-contribution at which half of the coverage is reached; the first contribution; the prims with the
-largest weights; the number of deep samples; the deep samples."""
+COLOR, ALBEDO, NORMALS, DEPTHS, AXES, MEDIAN, FRONT, WEIGH, COUNT, FILL = (
+    1 << k for k in range(10)
+)
+"""Products, as bits: sums of colours, albedos, normals, depths (with confidence and occlusion) and
+thinnest axes over contributions; the contribution at which half of the coverage is reached; the
+first contribution; the prims with the largest weights; the number of deep samples; the deep
+samples."""
 HALF = np.float32(0.5)
 """Fraction of the coverage to reach for MEDIAN; FRONT uses 0."""
 
@@ -182,7 +188,7 @@ def walk(
             parallel; number of prims; maximum change of the opacity in front of any depth by
             merging; depth of the near plane, to which ray hits in front of it are clamped).
         records, starts, lists, grid, ray_hits, occluder_depth: See `blend`.
-        features: Result of `feature.features`; read only for ALBEDO and NORMALS.
+        features: Result of `feature.features`; not read for COLOR alone.
         keeps: 0 for splats of mattes, 1 for others, shape (n,) f32; empty without mattes.
         labels: Number of each splat's prim, shape (n,) i32; read only for WEIGH.
         covered: 1 where a surface is visible behind the splats, shape (h, w) u8; empty without
@@ -191,17 +197,18 @@ def walk(
             depths f32, transmittances f32), sorted by depth in each pixel. It is 1 in front of the
             first node, log-linear between two, and constant behind the last; two nodes of equal
             depth are a step. The offsets are empty without a holdout.
-        out: (color, albedo, normals, depth sums, each (h, w, 4) f32: three numbers and coverage;
-            through (h, w) f32: transmittance; median (ranks (h, w) i32, depths (h, w) f32); front
-            likewise; prims (ids (h, w, ranks) i32, weights f32); counts (h, w) u32; offsets
-            (h * w,) i64; deep (depth, back, color (n, 4)) f32). Arrays of products that are not
-            requested are empty.
+        out: (color, albedo, normals, depth sums, axes, each (h, w, 4) f32: three numbers and
+            coverage; through (h, w) f32: transmittance; median (ranks (h, w) i32, depths (h, w)
+            f32); front likewise; prims (ids (h, w, ranks) i32, weights f32); counts (h, w) u32;
+            offsets (h * w,) i64; deep (depth, back, color (n, 4)) f32). Arrays of products that
+            are not requested are empty.
 
     COLOR also writes `through`. FILL writes `deep`, starting at the offset of each pixel. If there
     are surfaces, and mattes or a holdout, FILL also writes `through`: the transmittance of mattes
     and holdout to the surface.
     """
-    color, albedo, normals, sums, through, median, front, prims_out, counts, offsets, deep = out
+    color, albedo, normals, sums, axes, through, median, front, prims_out = out[:9]
+    counts, offsets, deep = out[9:]
     median_ranks, median_depths = median
     front_ranks, front_depths = front
     ids, prim_weights = prims_out
@@ -239,8 +246,9 @@ def walk(
         lay_out(fields, order, spans)
         colors = np.empty(3 * n if wants & (COLOR | FILL) else 0, np.float32)
         load_paints_of(records, RED, 3, lists, begin, colors)
-        featured = np.empty(6 * n if wants & (ALBEDO | NORMALS) else 0, np.float32)
-        load_paints_of(features, NORMAL_COLUMN, 6, lists, begin, featured)
+        has_features = wants & (ALBEDO | NORMALS | DEPTHS | AXES)
+        featured = np.empty(FEATURES * n if has_features else 0, np.float32)
+        load_paints_of(features, 0, FEATURES, lists, begin, featured)
         weighed = n if wants & WEIGH else 0
         known = np.full(known_prims if weighed else 0, NONE, np.int32)
         local, names = np.empty(weighed, np.int32), np.empty(weighed, np.int32)
@@ -272,8 +280,8 @@ def walk(
                 cover = cover + load(weights, np.uint64(k * TILE))
             store(planes, np.uint64(3 * TILE), cover)
             store(planes, np.uint64(4 * TILE), dim)
-            if wants & (COLOR | ALBEDO | NORMALS | DEPTHS):
-                for each in range(4):
+            if wants & (COLOR | ALBEDO | NORMALS | DEPTHS | AXES):
+                for each in range(5):
                     if not wants & (1 << each):
                         continue
                     red = spread(zero)
@@ -281,14 +289,21 @@ def walk(
                     if each == 0:
                         red, green, blue = sum_paints(keys, count, weights, colors, 3, 0)
                     elif each == 3:
+                        _, green, blue = sum_paints(
+                            keys, count, weights, featured, FEATURES, EXPECTED_COLUMN
+                        )
                         for k in range(count):
                             at = np.uint64(k * TILE)
                             weight = load(weights, at)
                             more = red + weight * depths_of(keys, at)
                             red = choose(weight > zero, more, red)
                     else:
-                        column = (ALBEDO_COLUMN if each == 1 else NORMAL_COLUMN) - NORMAL_COLUMN
-                        red, green, blue = sum_paints(keys, count, weights, featured, 6, column)
+                        column = AXIS_COLUMN
+                        if each < 3:
+                            column = ALBEDO_COLUMN if each == 1 else NORMAL_COLUMN
+                        red, green, blue = sum_paints(
+                            keys, count, weights, featured, FEATURES, column
+                        )
                     store(planes, np.uint64(0), red)
                     store(planes, np.uint64(TILE), green)
                     store(planes, np.uint64(2 * TILE), blue)
@@ -301,6 +316,8 @@ def walk(
                                 albedo[row, first + x - x0, c] = value
                             elif each == 2:
                                 normals[row, first + x - x0, c] = value
+                            elif each == 4:
+                                axes[row, first + x - x0, c] = value
                             else:
                                 sums[row, first + x - x0, c] = value
             if wants & COLOR:

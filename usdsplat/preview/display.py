@@ -40,7 +40,13 @@ KEPT = 0.15
 """Relative change of the automatic range that is ignored while the view moves."""
 FEW = 40_000
 """Approximate number of pixels used to find a range."""
-BESIDE = {"albedo": "color", "motionForward": "depth", "motionBackward": "depth"}
+BESIDE = {
+    "albedo": "color",
+    "motionForward": "depth",
+    "motionBackward": "depth",
+    "confidence": "depth",
+    "occlusion": "depth",
+}
 """AOVs that are also needed to show an AOV, because they mark empty pixels."""
 
 LUMINANCE = luminance(REC709)
@@ -104,8 +110,11 @@ class Display:
             per_unit = np.float32(1.0 / ((black - white) or 1.0))
             ramp = palette.RAMPS[display.colormap]
             run(false_color.depths, pixels, np.float32(white), per_unit, ramp, *end)
-        elif name == "Neye":
+        elif name in ("Neye", "Naxis"):
             run(false_color.vectors, pixels, *_per_axis(np.full(3, -1.0), np.full(3, 1.0)), *end)
+        elif name in ("confidence", "occlusion"):
+            ramp = palette.RAMPS[display.colormap]
+            run(false_color.fractions, pixels, arrays[BESIDE[name]], ramp, *end)
         elif name == "P":
             low, high = subject if subject is not None else (np.zeros(3), np.ones(3))
             run(false_color.vectors, pixels, *_per_axis(low, high), *end)

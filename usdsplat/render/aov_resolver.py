@@ -21,7 +21,9 @@ from usdsplat.render.tile_lists import TileLists
 
 AVERAGED = ("color", "albedo", *LAYERS)
 """AOVs that are averaged over samples. Averages of other AOVs, such as ids, have no meaning."""
-SUMMED = {"Neye", "depthExpected", "albedo"}
+SURFACE = {"Neye", "confidence", "occlusion"}
+"""AOVs for which the normals of surfaces are needed."""
+SUMMED = {*SURFACE, "Naxis", "depthExpected", "albedo"}
 """AOVs that are sums of a feature over all contributions of a pixel."""
 
 
@@ -30,7 +32,10 @@ BESIDE_MEDIAN = {*AVERAGED, *SUMMED, "depthFront"}
 PRODUCT = {
     "albedo": "albedo",
     "Neye": "normals",
+    "Naxis": "axes",
     "depthExpected": "depths",
+    "confidence": "depths",
+    "occlusion": "depths",
     "depthFront": "front",
 }
 """AOV -> the product it is computed from, see `tile_lists.PRODUCTS`. Layers of Cryptomatte are
@@ -187,21 +192,33 @@ class AovResolver:
             image = self._tiles.sums("albedo")
             behind = None if surfaces is None else surfaces.albedo
             arrays["albedo"] = composited(self._frame, image, left, behind, counts=False)
-        if "Neye" in wanted:
-            sums = self._tiles.sums("normals")
-            arrays["Neye"] = self._buffers.normals(*sums.shape[:2])
-            none = np.empty((0, 0, 3), np.float32)
-            self._run(
-                feature.unit, sums, none if surfaces is None else surfaces.normal,
-                none[..., 0] if left is None else left, arrays["Neye"],
-            )  # fmt: skip
+        for name, buffer in (("Neye", self._buffers.normals), ("Naxis", self._buffers.axes)):
+            if name in wanted:
+                sums = self._tiles.sums(PRODUCT[name])
+                arrays[name] = buffer(*sums.shape[:2])
+                none = np.empty((0, 0, 3), np.float32)
+                self._run(
+                    feature.unit, sums, none if surfaces is None else surfaces.normal,
+                    none[..., 0] if left is None else left, arrays[name],
+                )  # fmt: skip
+        if not wanted & {"depthExpected", "confidence", "occlusion"}:
+            self._frame.clock.lap("features")
+            return arrays
+        sums, shown = self._tiles.sums("depths"), nothing if left is None else left
         if "depthExpected" in wanted:
-            sums = self._tiles.sums("depths")
             arrays["depthExpected"] = self._buffers.expected_depth(*sums.shape[:2])
             self._run(
-                feature.expected, sums, nothing if left is None else left,
-                nothing if surfaces is None else surfaces.depth, arrays["depthExpected"],
+                feature.expected, sums, shown, nothing if surfaces is None else surfaces.depth,
+                arrays["depthExpected"],
             )  # fmt: skip
+        for name, channel, facts, of_surfaces in (
+            ("confidence", feature.CONFIDENCE_SUM, self._buffers.confidence, 1),
+            ("occlusion", feature.OCCLUSION_SUM, self._buffers.occlusion, 0),
+        ):
+            if name in wanted:
+                arrays[name] = facts(*sums.shape[:2])
+                of_surface = np.float32(of_surfaces)
+                self._run(feature.mean, sums, channel, shown, of_surface, arrays[name])
         self._frame.clock.lap("features")
         return arrays
 

@@ -38,7 +38,7 @@ def displayed(
         radius = np.float32(max(RADIUS / pixel_scale, SMALLEST))
         device.run(display.dots, seen.records, seen.ray_hits, radius)
     elif mode == "normals":
-        device.run(display.directions, seen.records, seen.features, feature.NORMAL)
+        device.run(display.directions, seen.records, seen.features, feature.AXIS)
     elif mode == "ellipses":
         opaque = buffers.opaque(seen.order.shape[0])
         device.run(display.opaque, seen.records, opaque)

@@ -7,10 +7,11 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from usdsplat.core.cloud import F32, F64, I64
+from usdsplat.core.cloud import F32, F64, I32, I64
 from usdsplat.render.spatial_order import SpatialOrder
-from usdsplat.render.specs import CropSpec, FieldSpec, InstanceSpec, MeshSpec
+from usdsplat.render.specs import CropSpec, FieldSpec, InstanceSpec, MeshSpec, SurfaceSpec
 from usdsplat.render.splat_budget import SplatBudget, SplatSubset
+from usdsplat.render.splat_normals import NO_SURFACE, SurfaceValues, surface_values
 
 SHAPES = ("positions", "rotations", "scales", "opacities")
 """Arrays of a cloud that projection reads."""
@@ -45,6 +46,8 @@ class Field:
     """Token that is replaced whenever harmonics change."""
     first_element: int = 0
     """Element id of the first splat."""
+    surface: SurfaceValues | None = None
+    """Normals of the surfaces that the splats lie on; computed on first use."""
     is_node: bool = False
     """Whether these are splats of a node of a tree. A budget of splats does not reduce them."""
     is_inner: bool = False
@@ -57,18 +60,28 @@ class Field:
             self.splat_budget = SplatBudget(self.spec.cloud)
         return self.splat_budget.part(count)
 
+    def surface_values(self, rows: I32 | None) -> SurfaceValues:
+        """Return the normals of all splats, or those of some rows. Nodes of trees have none."""
+        if self.is_node:
+            return NO_SURFACE
+        if self.surface is None:
+            self.surface = surface_values(self.spec)
+        return self.surface if rows is None else self.surface.take(rows)
+
     def replace(self, spec: FieldSpec) -> None:
         """Replace the splats.
 
         Arrays with the same values as before stay the same objects, and everything computed from
         them is kept.
         """
-        before, now = self.spec.cloud, spec.cloud
+        before, now, surface = self.spec.cloud, spec.cloud, self.spec.surface
         equal = {
             name: _equal(getattr(before, name), getattr(now, name)) for name in (*SHAPES, "sh")
         }
         kept = {name: getattr(before, name) for name, same in equal.items() if same}
         self.spec, self.splat_budget = replace(spec, cloud=replace(now, **kept)), None
+        if not all(equal.values()) or not _equal_surface(surface, spec.surface):
+            self.surface = None
         if not equal["sh"]:
             self.radiance = object()
         if not all(equal[name] for name in SHAPES):
@@ -118,3 +131,11 @@ def _equal(a: F32, b: F32) -> bool:
     return a is b or (
         a.shape == b.shape and np.array_equal(a[few], b[few]) and np.array_equal(a, b)
     )
+
+
+def _equal_surface(a: SurfaceSpec | None, b: SurfaceSpec | None) -> bool:
+    """Return whether authored normals have the same values."""
+    if a is None or b is None:
+        return a is b
+    pairs = ((a.normals, b.normals), (a.confidence, b.confidence), (a.occlusion, b.occlusion))
+    return all(x is y or (x is not None and y is not None and _equal(x, y)) for x, y in pairs)

@@ -32,6 +32,7 @@ from usdsplat.render.accumulator import LayerAverage, SampleAccumulator
 from usdsplat.render.aov_resolver import (
     AVERAGED,
     SUMMED,
+    SURFACE,
     AovResolver,
     SplatLayers,
     composited,
@@ -272,7 +273,7 @@ def _projected(
         projector.find_ray_hits()
         lap("find ray hits")
     if SUMMED & set(aovs) or frame.settings.display_mode == "normals":
-        projector.find_features()
+        projector.find_features(with_normals=bool(SURFACE & set(aovs)))
         lap("find features")
     splats = projector.sort(matte, labels=bool(set(LAYERS) & set(aovs)))
     lap("sort")

@@ -43,7 +43,7 @@ class SplatBuffers(BufferGroup):
         lambda slots: (slots, feature.FEATURES), F32,
         touched=lambda visible: (visible, feature.FEATURES),
     )  # fmt: skip
-    """Normals, depths and albedo, shape (slots, FEATURES)."""
+    """Normals, albedo, axes and depths, shape (slots, FEATURES)."""
     visible = Buffer(lambda slots: (slots,), I32, touched=lambda visible: (visible,))
     """Slots of visible splats, shape (slots,)."""
     sort_keys = Buffer(lambda visible: (2, visible), U32)
@@ -82,7 +82,7 @@ class DisplayBuffers(BufferGroup):
     ray_hits = Buffer(lambda shown: (shown, ray_hit.RAY_HIT), F32)
     """Ray hits, shape (shown, RAY_HIT)."""
     features = Buffer(lambda shown: (shown, feature.FEATURES), F32)
-    """Normals, depths and albedo, shape (shown, FEATURES)."""
+    """Normals, albedo, axes and depths, shape (shown, FEATURES)."""
     keeps = Buffer(lambda shown: (shown,), F32)
     """0 for splats that only hold out, shape (shown,)."""
     labels = Buffer(lambda shown: (shown,), I32)
@@ -137,6 +137,12 @@ class PixelBuffers(BufferGroup):
     """Transmittance of the splats to the surfaces, shape (h, w)."""
     normals = Buffer(lambda height, width: (height, width, 3), F32)
     """Unit normals, shape (h, w, 3)."""
+    axes = Buffer(lambda height, width: (height, width, 3), F32)
+    """Unit normals by the splats' thinnest axes, shape (h, w, 3)."""
+    confidence = Buffer(lambda height, width: (height, width), F32)
+    """Mean confidence of the normals, shape (h, w)."""
+    occlusion = Buffer(lambda height, width: (height, width), F32)
+    """Mean occlusion, shape (h, w)."""
     expected_depth = Buffer(lambda height, width: (height, width), F32)
     """Mean depths, shape (h, w)."""
     positions = Buffer(lambda height, width: (height, width, 3), F32)
@@ -267,6 +273,7 @@ class FrameBuffers:
     albedo: ImageBuffers
     normals: ImageBuffers
     depths: ImageBuffers
+    axes: ImageBuffers
     median: NearestBuffers
     """Splat at which half of the coverage is reached."""
     front: NearestBuffers
@@ -289,7 +296,7 @@ class FrameBuffers:
         """State that a device keeps for its fused path, see `Rasterizer.draw_color`."""
 
     def image(self, name: str) -> ImageBuffers:
-        """Return the group of "color", "albedo", "normals" or "depths"."""
+        """Return the group of "color", "albedo", "normals", "depths" or "axes"."""
         group: ImageBuffers = getattr(self, name)
         return group
 

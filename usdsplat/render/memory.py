@@ -19,7 +19,7 @@ from usdsplat.images.aovs import AOVS
 from usdsplat.images.cryptomatte import LAYERS, rank_pairs
 from usdsplat.images.holdout_nodes import STRIP
 from usdsplat.kernels import bins, triangles
-from usdsplat.render.aov_resolver import BESIDE_MEDIAN, SUMMED
+from usdsplat.render.aov_resolver import BESIDE_MEDIAN, SUMMED, SURFACE
 from usdsplat.render.buffers import Buffer, Sizes
 from usdsplat.render.deep_memory import deep_bytes
 from usdsplat.render.draw_list import DrawList, Group
@@ -33,6 +33,7 @@ from usdsplat.render.settings import RenderSettings
 from usdsplat.render.spatial_order import LEAST, MAKING
 from usdsplat.render.spatial_order import PER_SPLAT as PER_SPLAT_LAID
 from usdsplat.render.specs import MeshSpec, View
+from usdsplat.render.splat_normals import working_bytes
 
 MIB = 1 << 20
 BASE = 250 * MIB
@@ -61,10 +62,11 @@ nodes of a strip are computed."""
 PLAIN_VIEW, OCIO_VIEW = 135, 60
 """Bytes per pixel that a view transform takes for unpremultiplied colours and copies: float64
 without OCIO settings, float32 with them."""
-IMAGES = {"albedo": "albedo", "Neye": "normals", "depthExpected": "depths"}
-"""AOV -> the group of buffers in which it is blended."""
 PIXELS = {
     "Neye": "normals",
+    "Naxis": "axes",
+    "confidence": "confidence",
+    "occlusion": "occlusion",
     "depthExpected": "expected_depth",
     "P": "positions",
     "motionForward": "motion_forward",
@@ -142,6 +144,9 @@ def estimate(
     in_band = sum(each.touched_bytes(sizes) for name, each in used.items() if not _by_splat(name))
     by_splat = sum(each.touched_bytes(sizes) for name, each in used.items() if _by_splat(name))
     by_splat += PARTIAL_PAGES * layout.slots + _of_meshes(scene)
+    if SURFACE & set(request.aovs):
+        missing = (field for field in scene.visible_fields() if field.surface is None)
+        by_splat += working_bytes([len(field.spec.cloud) for field in missing])
     if "display.records" in used:
         by_splat += RANKS * sizes.visible
     kept = 0
@@ -182,11 +187,8 @@ def buffers_of(
     layers = [layer for layer in LAYERS if layer in aovs]
     crypto, moves = bool(layers), bool(FRAMES.keys() & aovs)
     ellipses, sampled = mode == "ellipses", settings.samples > 1
-    images = {"color": bool(aovs)} | {group: name in aovs for name, group in IMAGES.items()}
-    nearest = {
-        "median": bool(aovs - BESIDE_MEDIAN),
-        "front": "depthFront" in aovs,
-    }
+    images = {"color": bool(aovs)} | {PRODUCT[name]: True for name in SUMMED & aovs}
+    nearest = {"median": bool(aovs - BESIDE_MEDIAN), "front": "depthFront" in aovs}
     uses = [
         (True, "splats", "records keys sources found closed visible sort_keys sort_slots"),
         (True, "splats", "histogram ties ordered"),

@@ -22,6 +22,7 @@ from usdsplat.render.matte import is_matte
 from usdsplat.render.screen import Screen
 from usdsplat.render.settings import RenderSettings
 from usdsplat.render.specs import FieldSpec
+from usdsplat.render.splat_normals import NO_SURFACE
 
 BEHIND = -1e30
 """Depth of hidden instances, in front of every near plane [scene unit]."""
@@ -147,11 +148,11 @@ class Projector:
         for group, found in self._parts:
             self._find_ray_hits(group, found)
 
-    def find_features(self) -> None:
-        """Compute normals, depths and albedo."""
+    def find_features(self, *, with_normals: bool) -> None:
+        """Compute axes, depths and albedo, and `with_normals` those of surfaces."""
         self._features = self._buffers.features(self.layout.slots)
         for group, found in self._parts:
-            self._find_features(group, found)
+            self._find_features(group, found, with_normals=with_normals)
             self._radiance(group, found, self._features, feature.ALBEDO, 0)
 
     def sort(self, matte: tuple[tuple[str, bool], ...], *, labels: bool) -> ProjectedSplats:
@@ -323,13 +324,15 @@ class Projector:
             group.slot, self._records, self._sources, found, self._ray_hits,
         )  # fmt: skip
 
-    def _find_features(self, group: Group, found: I32) -> None:
+    def _find_features(self, group: Group, found: I32, *, with_normals: bool) -> None:
         cloud, keep = group.cloud, self._device.keep
         matrices = self.matrices(group)
+        surface = group.field.surface_values(group.rows) if with_normals else NO_SURFACE
         self._device.run(
             feature.features, matrices, ray_hit.inverses(matrices), self._screen.orthographic,
-            keep(cloud.positions), keep(cloud.rotations), keep(cloud.scales), group.block,
-            group.slot, self._sources, found, self._records, self._features,
+            keep(cloud.positions), keep(cloud.rotations), keep(cloud.scales),
+            keep(surface.normals), keep(surface.facts), group.block, group.slot, self._sources,
+            found, self._records, self._features,
         )  # fmt: skip
 
     def sights(self, placements: Placements) -> F64:

@@ -53,6 +53,18 @@ class PackedSpec:
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class SurfaceSpec:
+    """Authored normals of the surfaces that n splats lie on."""
+
+    normals: F32
+    """Unit vectors in local space, shape (n, 3); 0 where there is none."""
+    confidence: F32 | None = None
+    """[0..1], shape (n,); None for 1."""
+    occlusion: F32 | None = None
+    """[0..1], shape (n,); None for 0."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class FieldSpec:
     """Splats of one prim in local space, and the prim's rendering hints."""
 
@@ -71,6 +83,8 @@ class FieldSpec:
     packed: PackedSpec | None = None
     """The same splats in packed form, a third of the size, if the prim stores them packed. GPUs use
     it."""
+    surface: SurfaceSpec | None = None
+    """Authored normals; None if they are computed when they are needed."""
 
     def drawn_mode(self, mode: str) -> RasterizeMode:
         """Return how the low-pass changes opacity, for `RenderSettings.rasterize_mode`."""

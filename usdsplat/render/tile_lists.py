@@ -39,6 +39,7 @@ WANTS = {
     "albedo": walk.ALBEDO,
     "normals": walk.NORMALS,
     "depths": walk.DEPTHS,
+    "axes": walk.AXES,
     "median": walk.MEDIAN,
     "front": walk.FRONT,
     "prims": walk.WEIGH,
@@ -48,7 +49,12 @@ WANTS = {
 """Product -> its flag in a walk."""
 PRODUCTS = frozenset(WANTS) - {"color", "prims", "counts", "deep"}
 """Products that can be drawn in addition to colour and layers of Cryptomatte."""
-COLUMNS = {"albedo": feature.ALBEDO, "normals": feature.NORMAL, "depths": feature.EXPECTED}
+COLUMNS = {
+    "albedo": feature.ALBEDO,
+    "normals": feature.NORMAL,
+    "depths": feature.EXPECTED,
+    "axes": feature.AXIS,
+}
 """Product that is a sum over contributions -> first column of the features."""
 PARTS = {"median": 0.5, "front": 0.0}
 """Product -> fraction of the coverage that is reached in the splat to find."""
@@ -162,9 +168,11 @@ class TileLists:
         return self._color, None
 
     def sums(self, name: str) -> F32:
-        """Return sums of "albedo", "normals" or "depths" over all contributions, shape (h, w, 4).
+        """Return sums of "albedo", "normals", "depths" or "axes" over all contributions, shape
+        (h, w, 4).
 
-        The channels are three numbers and coverage. For depths, two numbers are unused.
+        The channels are three numbers and coverage. For depths, the others are those of
+        `feature.EXPECTED`.
         """
         if self._walks:
             return self._walked[name]
@@ -362,6 +370,7 @@ class TileLists:
             "albedo": no_image,
             "normals": no_image,
             "depths": no_image,
+            "axes": no_image,
             "through": NO_DEPTH,
             "median": (no_ranks, NO_DEPTH),
             "front": (no_ranks, NO_DEPTH),

@@ -34,7 +34,12 @@ from usdsplat.schema.lod_roots import is_lod_root, read_lod_root
 from usdsplat.schema.packing import harmonics_width
 from usdsplat.schema.proxy import place as place_proxy
 from usdsplat.schema.proxy import settle as settle_proxy
-from usdsplat.schema.surface_primvars import SurfacePrimvars, author_surface, fetch_surface
+from usdsplat.schema.surface_primvars import (
+    SurfacePrimvars,
+    author_surface,
+    fetch_surface,
+    has_normals,
+)
 from usdsplat.schema.tokens import DATA_ATTRIBUTES, GRADE_ATTRIBUTES, Form
 from usdsplat.schema.tree import (
     Tree,
@@ -75,6 +80,7 @@ __all__ = [
     "grade",
     "harmonics_width",
     "has_grade",
+    "has_normals",
     "is_grade_varying",
     "is_known_color_space",
     "is_lod_root",

@@ -136,8 +136,10 @@ def form_of(prim: Usd.Prim) -> Form:
 
 
 def is_time_varying(prim: Usd.Prim) -> bool:
-    """Return whether `fetch` may return different clouds at different times."""
-    found = (prim.GetAttribute(name) for name in tokens.DATA_ATTRIBUTES)
+    """Return whether `fetch` may return different clouds at different times, or `fetch_surface`
+    different normals."""
+    names = tokens.DATA_ATTRIBUTES | tokens.SURFACE_ATTRIBUTES
+    found = (prim.GetAttribute(name) for name in names)
     varies = any(attribute and attribute.ValueMightBeTimeVarying() for attribute in found)
     # Even one sample moves splats at all later times.
     return varies or attributes.have_velocities(prim)

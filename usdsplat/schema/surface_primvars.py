@@ -53,6 +53,17 @@ def author_surface(
         primvar.Set(to_vt(values, vt_kind), code)
 
 
+def has_normals(prim: Usd.Prim) -> bool:
+    """Return whether a splat field has normals that follow its splats: a field with time samples
+    needs samples of normals, too."""
+    attribute = prim.GetAttribute(f"primvars:{tokens.NORMALS}")
+    if not attribute or not attribute.HasAuthoredValue():
+        return False
+    return attribute.ValueMightBeTimeVarying() or not attributes.sample_times(
+        prim, tokens.SHAPE_ATTRIBUTES
+    )
+
+
 def fetch_surface(prim: Usd.Prim, count: int, time: Time = None) -> SurfacePrimvars:
     """Read the primvars of a splat field.
 

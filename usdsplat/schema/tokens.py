@@ -114,6 +114,14 @@ DATA_ATTRIBUTES = frozenset(
 )
 """Attributes that determine the cloud returned by `fetch`."""
 
+SHAPE_ATTRIBUTES = DATA_ATTRIBUTES - {
+    SH_COEFFICIENTS, SH_COEFFICIENTS_HALF, SH_DEGREE, OPACITIES, OPACITIES_HALF, COLOR_RANGE,
+    HARMONICS_RANGE, PACKED_HARMONICS, VELOCITIES,
+}  # fmt: skip
+"""Those that determine positions, rotations and scales."""
+SURFACE_ATTRIBUTES = frozenset(f"primvars:{name}" for name in (NORMALS, CONFIDENCE, OCCLUSION))
+"""Attributes of normals, confidence and occlusion."""
+
 NODE_COLUMNS = {
     NODE_LOW: "low",
     NODE_HIGH: "high",

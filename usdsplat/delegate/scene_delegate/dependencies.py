@@ -19,6 +19,7 @@ from usdsplat.delegate.scene_delegate.volumes import SIZES
 FIELD_PROPERTIES = (
     schema.DATA_ATTRIBUTES
     | schema.GRADE_ATTRIBUTES
+    | schema.tokens.SURFACE_ATTRIBUTES
     | {
         schema.tokens.RASTERIZE_MODE,
         schema.tokens.FOOTPRINT,
@@ -119,6 +120,8 @@ class Dependencies:
                 beneath = self._beneath.get(prim, set())
                 yield from _each(self._meshes & beneath, bits)
                 yield from _each(self._points & beneath, bits & DirtyBits.PRIMVAR)
+                if name in schema.tokens.SURFACE_ATTRIBUTES:
+                    yield from _each(self._fields & self._read.get(prim, set()), _own_bits(name))
             else:
                 for found in self._read.get(prim, ()):
                     own = mesh_bits(name) if found in self._meshes else _own_bits(name)

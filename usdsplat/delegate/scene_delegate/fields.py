@@ -17,6 +17,7 @@ from usdsplat.render.specs import (
     ProjectionMode,
     RasterizeMode,
     SortingMode,
+    SurfaceSpec,
 )
 
 
@@ -45,6 +46,19 @@ def read_field(prim: Usd.Prim, time: float | None) -> FieldSpec | None:
         sorting_mode=cast(SortingMode, schema.sorting_mode(prim)),
         grade=grade_matrix(schema.grade(prim, time), space),
         packed=_packed(prim, time),
+        surface=_surface(prim, len(cloud), time),
+    )
+
+
+def _surface(prim: Usd.Prim, count: int, time: float | None) -> SurfaceSpec | None:
+    """Return the authored normals; None if there are none, or if the splats move without them."""
+    if not schema.has_normals(prim):
+        return None
+    found = schema.fetch_surface(prim, count, time)
+    if found.normals is None:
+        return None
+    return SurfaceSpec(
+        normals=found.normals, confidence=found.confidence, occlusion=found.occlusion
     )
 
 

@@ -30,6 +30,7 @@ from usdsplat.kernels.cuda.tile import (
 from usdsplat.kernels.project import DEPTH, RED
 from usdsplat.kernels.walk import (
     ALBEDO,
+    AXES,
     COLOR,
     COUNT,
     DEPTHS,
@@ -43,9 +44,10 @@ from usdsplat.kernels.walk import (
 )
 from usdsplat.kernels.weigh import NONE
 
-SUMS = 10
-"""Number of sums of a pixel: three each for colour, albedo and normal, and one for depth."""
-DEPTH_SUM = 9
+SUMS = 15
+"""Number of sums of a pixel: three each for colour, albedo, normal and axis, and those of
+`feature.EXPECTED`."""
+DEPTH_SUM, AXIS_SUM = 9, 12
 STATE = 6
 THROUGH, COVER, GOAL, FOUND_AT, SEEN, RUN = range(STATE)
 """Indices of the numbers of a pixel: transmittance; coverage so far; coverage to reach; depth of
@@ -88,6 +90,11 @@ def _take(wants, error, rank, alpha, depth, pixel, thread, numbers, paints, prim
             sums[6 + c] += weight * features[rank, feature.NORMAL + c]
     if wants & DEPTHS:
         sums[DEPTH_SUM] += weight * depth
+        sums[DEPTH_SUM + 1] += weight * features[rank, feature.EXPECTED + 1]
+        sums[DEPTH_SUM + 2] += weight * features[rank, feature.EXPECTED + 2]
+    if wants & AXES:
+        for c in range(3):
+            sums[AXIS_SUM + c] += weight * features[rank, feature.AXIS + c]
     if wants & WEIGH:
         table[known[labels[rank]], thread] += weight
     if wants & FRONT and marks[SPLAT] < 0:
@@ -131,7 +138,7 @@ def _held_at_stop(holdout, pixel, stop):
 def _store(wants, row, column, pixel, stop, numbers, keeps, holdout, occluded, out):
     """Write the products of a pixel."""
     state, sums, marks = numbers
-    color, albedo, normals, depths, through, median, front, counts = out
+    color, albedo, normals, depths, axes, through, median, front, counts = out
     if wants & COLOR:
         for c in range(3):
             color[row, column, c] = sums[c]
@@ -146,9 +153,13 @@ def _store(wants, row, column, pixel, stop, numbers, keeps, holdout, occluded, o
             normals[row, column, c] = sums[6 + c]
         normals[row, column, 3] = state[COVER]
     if wants & DEPTHS:
-        depths[row, column, 0] = sums[DEPTH_SUM]
-        depths[row, column, 1] = depths[row, column, 2] = np.float32(0)
+        for c in range(3):
+            depths[row, column, c] = sums[DEPTH_SUM + c]
         depths[row, column, 3] = state[COVER]
+    if wants & AXES:
+        for c in range(3):
+            axes[row, column, c] = sums[AXIS_SUM + c]
+        axes[row, column, 3] = state[COVER]
     if wants & FRONT:
         front[0][row, column], front[1][row, column] = marks[SPLAT], state[FOUND_AT]
     if wants & MEDIAN:
@@ -193,7 +204,8 @@ def block_walk(
         first_pixel: (column, row) of the first pixel in the tile. listed: (first entry, number of
         entries) of the list of splats.
         """
-        color, albedo, normals, sums_out, through, median, front, ids, counts, offsets, deep = out
+        color, albedo, normals, sums_out, axes, through, median, front, ids = out[:9]
+        counts, offsets, deep = out[9:]
         batch = cuda.shared.array((FIELDS, size), np.float32)
         shape = cuda.shared.array((RAY_HITS, size), np.float32)
         rows = cuda.shared.array((2, size), np.int32)
@@ -303,7 +315,7 @@ def block_walk(
         if inside:
             if wants & WEIGH:
                 strongest(table, prims, thread, names, ids[0], ids[1], row, column)
-            images = color, albedo, normals, sums_out, through, median, front, counts
+            images = color, albedo, normals, sums_out, axes, through, median, front, counts
             _store(
                 wants, row, column, pixel, stop, numbers, keeps, holdout, has_occluders,
                 images,

@@ -23,6 +23,7 @@ from usdsplat.core import quaternion
 from usdsplat.core.cloud import F32, I32
 from usdsplat.kernels.device import Device
 from usdsplat.kernels.normals import openness, planes, sides, smoothing
+from usdsplat.kernels.normals.axes import thin_axes
 from usdsplat.kernels.points.curve_order import curve_order
 from usdsplat.kernels.points.nearest import nearest
 from usdsplat.kernels.points.optical_grids import OpticalGrids
@@ -77,7 +78,8 @@ def surface_normals(
 
     Returns:
         Finite unit vectors, confidences and occlusions, for all splats. Splats that are not finite,
-        strays, and fewer than seven splats have confidence 0. Normals of a closed surface point
+        strays, and fewer than seven splats have confidence 0; the normals of the last are their
+        thin axes. Normals of a closed surface point
         outwards; those of a sheet that is open on both sides agree, and point to the middle of the
         capture.
     """
@@ -89,7 +91,7 @@ def surface_normals(
         )
     order = curve_order(device, positions)
     cloud = _Sorted.of(order, positions, rotations, scales, opacities, colors)
-    computed = _computed(device, cloud)
+    computed = _computed(device, cloud) if n > planes.FEWEST else _of_few(device, cloud)
     found = SurfaceNormals(
         normals=np.empty((n, 3), np.float32),
         confidence=np.empty(n, np.float32),
@@ -143,6 +145,14 @@ class _Sorted:
             colors=shades,
             weights=opaque * larger[:, 0] * larger[:, 1],
         )
+
+
+def _of_few(device: Device, cloud: _Sorted) -> SurfaceNormals:
+    """Return the thin axes of splats that define no surface."""
+    n = len(cloud.positions)
+    axes, nothing = np.empty((n, 3), np.float32), np.zeros(n, np.float32)
+    device.run(thin_axes, cloud.rotations, cloud.scales, axes)
+    return SurfaceNormals(normals=axes, confidence=nothing, occlusion=nothing)
 
 
 def _computed(device: Device, cloud: _Sorted) -> SurfaceNormals:
