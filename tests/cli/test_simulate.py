@@ -94,6 +94,29 @@ def test_relationships_are_listed_where_their_parameters_are(run_json):
 # --- presets ----------------------------------------------------------------------------------
 
 
+def test_help_names_every_preset_and_option(run):
+    """Oracle: the table of presets."""
+    from usdsplat.sim.stage.presets import PRESETS
+
+    text = run("simulate", "--help")[1]
+    assert f"--preset {'|'.join(PRESETS)}" in text
+    assert f"presets: {', '.join(PRESETS)}" in " ".join(text.split())
+    for each in PRESETS.values():
+        assert each.option is None or f"--{each.option.name} " in text
+
+
+def test_options_of_presets_are_checked_before_anything_is_read(run, capture, sim, tmp_path):
+    """Oracle: the sentences, status 2, and the listing."""
+    made = tmp_path / "out" / "push.usda"
+    status, _, err = run("simulate", "--preset", "push", capture, "-o", made, "--style", "coral")
+    assert status == 2 and "--style: found 'coral' and --preset push, expected none" in err
+    status, _, err = run("simulate", "--preset", "grow", capture, "-o", made, "--style", "wool")
+    assert status == 2 and "--style: found 'wool', expected one of labyrinth, " in err
+    status, _, err = run("simulate", sim, "-o", made, "--material", "clay")
+    assert status == 2 and "--material: found 'clay' without --preset, expected --preset" in err
+    assert not made.parent.exists()
+
+
 @pytest.mark.parametrize("name", ["grow", "push", "conform", "dissolve"])
 def test_a_preset_of_a_capture_can_be_simulated(name, run, capture, tmp_path):
     """Oracle: the files that are named, and a bake of their first frames that moves splats."""

@@ -52,6 +52,12 @@ class Options:
     """frames such as 1:100; default: the stage's range"""
     preset: Annotated[str | None, option("grow|push|conform|dissolve")] = None
     """make a stage that is ready for simulation, and stop"""
+    style: Annotated[str | None, option("NAME")] = None
+    """with --preset grow: shape of the pattern, such as coral; default: labyrinth"""
+    material: Annotated[str | None, option("NAME")] = None
+    """with a preset that takes one: what the capture is made of"""
+    target: Annotated[Path | None, option("FILE")] = None
+    """with --preset conform: stage with the mesh to move onto; default: a ring"""
     overrides: Annotated[tuple[str, ...], option("[/PRIM.]NAME=VALUE", name="set")] = ()
     """value that overrides the stage's parameter, such as rd:preset=coral; may be repeated"""
     list_parameters: Annotated[bool, option()] = False
@@ -114,7 +120,10 @@ def _make(options: Options, preset: str, reporter: Reporter) -> int:
         open_stage(source, options.stage_opening, reporter)
         reporter.findings.check()
     with reporter.progress() as progress:
-        files = make_stage(preset, source, target, axes=options.axes, progress=progress)
+        files = make_stage(
+            preset, source, target, axes=options.axes, progress=progress,
+            options=_preset_options(options),
+        )  # fmt: skip
     if options.json:
         reporter.print_json({"files": [str(path) for path in files]})
         return 0
@@ -124,6 +133,12 @@ def _make(options: Options, preset: str, reporter: Reporter) -> int:
         f"next: usdsplat simulate {target} -o {target.with_stem(target.stem + '_bake')}"
     )
     return 0
+
+
+def _preset_options(options: Options) -> dict[str, str | None]:
+    """Return the values of the flags of which a preset takes one."""
+    target = None if options.target is None else str(options.target)
+    return {"style": options.style, "material": options.material, "target": target}
 
 
 def _bake(options: Options, source: Path, target: Path, reporter: Reporter) -> int:
@@ -140,6 +155,9 @@ def _bake(options: Options, source: Path, target: Path, reporter: Reporter) -> i
         raise UsageError("simulate", found, expected)
     if not target.name:
         raise UsageError("--output", repr(str(target)), "a file")
+    for name, given in _preset_options(options).items():
+        if given is not None:
+            raise UsageError(f"--{name}", f"{given!r} without --preset", "--preset with it")
     stage = open_stage(source, options.stage_opening, reporter)
     check_not_input(target, layer_files(stage))
     for text in (*_tree_overrides(options, stage), *options.overrides):

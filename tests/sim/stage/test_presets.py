@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import get_args
 
 import numpy as np
 import pytest
@@ -13,10 +12,8 @@ from tests.schema.clouds import cloud
 from tests.sim.stage.stages import moved, place, rigid, world
 from usdsplat import schema
 from usdsplat.core.errors import OutputError, StageError, UsageError
-from usdsplat.sim.stage.presets import PresetName, author_preset
+from usdsplat.sim.stage.presets import PRESETS, author_preset
 from usdsplat.sim.stage.recipe import StageRecipe, find_simulations, recipes
-
-PRESETS = get_args(PresetName)
 
 
 def capture(folder: Path, *, up: str = "Y", fields: int = 1) -> Usd.Stage:
@@ -32,7 +29,7 @@ def capture(folder: Path, *, up: str = "Y", fields: int = 1) -> Usd.Stage:
     return stage
 
 
-def written(folder: Path, name: PresetName, up: str = "Y") -> tuple[Usd.Stage, StageRecipe]:
+def written(folder: Path, name: str, up: str = "Y") -> tuple[Usd.Stage, StageRecipe]:
     """A preset, opened again."""
     (folder / "shots").mkdir()
     author_preset(name, capture(folder, up=up), folder / "shots" / "sim.usda")
@@ -131,6 +128,66 @@ def test_the_wind_blows_level_and_up_a_little(tmp_path) -> None:
     assert asked.particles.wind[2] == pytest.approx(0.15 * size, rel=1e-4)
     assert np.hypot(*asked.particles.wind[:2]) == pytest.approx(0.6 * size, rel=1e-4)
     assert asked.dissolve.size == pytest.approx(0.15 * size / 2, rel=1e-4)
+
+
+def test_the_style_of_grow_is_the_pattern(tmp_path) -> None:
+    """Oracle: the parameter on the stage."""
+    author_preset("grow", capture(tmp_path), tmp_path / "a.usda", options={"style": "spots"})
+    stage = Usd.Stage.Open(str(tmp_path / "a.usda"))
+    (sim,) = find_simulations(stage)
+    assert sim.GetAttribute("splatSim:rd:preset").Get() == "spots"
+
+
+def test_a_target_is_referred_to_as_large_as_the_capture(tmp_path) -> None:
+    """Oracle: the box of the capture: the same centre and longest edge; the path is relative, and
+    the mesh is the one in the file."""
+    figure = Usd.Stage.CreateNew(str(tmp_path / "figure.usda"))
+    figure.SetDefaultPrim(UsdGeom.Xform.Define(figure, "/Figure").GetPrim())
+    mesh = UsdGeom.Mesh.Define(figure, "/Figure/Body")
+    mesh.CreatePointsAttr([(0, 0, 0), (3, 0, 0), (0, 1, 0), (0, 0, 2)])
+    mesh.CreateFaceVertexCountsAttr([3] * 4)
+    mesh.CreateFaceVertexIndicesAttr([0, 2, 1, 0, 1, 3, 0, 3, 2, 1, 2, 3])
+    mesh.CreateExtentAttr([(0, 0, 0), (3, 1, 2)])
+    figure.Save()
+    (tmp_path / "shots").mkdir()
+    options = {"target": str(tmp_path / "figure.usda")}
+    author_preset("conform", capture(tmp_path), tmp_path / "shots" / "a.usda", options=options)
+    assert "@../figure.usda@" in (tmp_path / "shots" / "a.usda").read_text()
+    stage = Usd.Stage.Open(str(tmp_path / "shots" / "a.usda"))
+    (recipe,) = recipes(stage, *find_simulations(stage))
+    target = recipe.at(1).target
+    assert target is not None and len(target.triangles) == 4
+    points = moved(recipe.at(1).to_world, target.points)
+    low, high = box(stage)
+    assert np.allclose((points.min(0) + points.max(0)) / 2, (low + high) / 2, atol=1e-5)
+    assert np.ptp(points, axis=0).max() == pytest.approx((high - low).max(), rel=1e-5)
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_what_acts_on_splats_is_not_part_of_the_picture(name, tmp_path) -> None:
+    """Oracle: USD's purpose of every prim that the preset draws."""
+    stage, _ = written(tmp_path, name)
+    ours = Usd.PrimRange(stage.GetPrimAtPath("/World/Simulation"))
+    drawn = [prim for prim in ours if prim.IsA(UsdGeom.Gprim)]
+    assert {str(UsdGeom.Imageable(prim).ComputePurpose()) for prim in drawn} <= {"guide"}
+
+
+def test_an_option_that_a_preset_does_not_take_is_one_sentence(tmp_path) -> None:
+    """Oracle: the sentences; nothing is written."""
+    stage = capture(tmp_path)
+
+    def asked(name: str, **options: str) -> None:
+        author_preset(name, stage, tmp_path / "a.usda", options=options)
+
+    with pytest.raises(UsageError, match="--style: found 'wool', expected one of labyrinth, spots"):
+        asked("grow", style="wool")
+    with pytest.raises(UsageError, match=r"--target: found 'a.usd' and --preset grow, .* --style"):
+        asked("grow", target="a.usd")
+    with pytest.raises(UsageError, match=r"--style: found 'x' and --preset push, .*takes no option"):
+        asked("push", style="x")
+    with pytest.raises(StageError, match=r"capture.usdc: found 0 meshes, expected one"):
+        asked("conform", target=str(tmp_path / "capture.usdc"))
+    assert not (tmp_path / "a.usda").exists()
 
 
 def test_what_cannot_be_a_preset_is_one_sentence(tmp_path) -> None:
