@@ -160,6 +160,7 @@ class Conform:
         parameters: ConformParameters,
         positions: F32,
         gradient: F32 | None = None,
+        factor: F32 | None = None,
     ) -> None:
         """Move splats towards the target.
 
@@ -170,6 +171,7 @@ class Conform:
             positions: [unit], shape (n, 3), changed in place.
             gradient: Gradient of the deformation so far, shape (n, 3, 3), multiplied in place by
                 the rotation and stretch of each splat.
+            factor: Factor of the weight of each splat, shape (n,).
 
         Raises:
             StageError: If the target is not a mesh, or has other triangles than before.
@@ -186,7 +188,8 @@ class Conform:
             float(parameters.duration), float(parameters.stagger),
         )  # fmt: skip
         run = self._device.run
-        run(kernels.advance, float(now), timing, bound["ranks"], self._select, way)
+        select = self._select if factor is None else self._select * factor
+        run(kernels.advance, float(now), timing, bound["ranks"], select, way)
         slide = _NOTHING
         if self._parameters.path == "slide":
             slide = self._slide(mesh, positions, way)

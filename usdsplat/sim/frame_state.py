@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -26,6 +27,11 @@ class Fades(NamedTuple):
     size: F32 | None
 
 
+Factor = Callable[[str, object], F32 | None]
+"""Returns the factor of a parameter, by its name and its group, shape (n,); None where it has no
+mask."""
+
+
 class FrameEvaluator:
     """Computes the frames of one field.
 
@@ -47,6 +53,7 @@ class FrameEvaluator:
         normals: F32,
         crowding: F32,
         fades: Fades,
+        factor: Factor,
         seconds: float,
     ) -> Frame:
         """Return the splats of a frame; nothing changes its arrays afterwards.
@@ -61,11 +68,12 @@ class FrameEvaluator:
             crowding: Number of neighbours relative to the target, shape (n,); empty if no driver
                 needs it.
             fades: Factors of opacities and sizes.
+            factor: Factors of masked parameters.
             seconds: Time since the simulation's start [s].
         """
         if self._strain is not None:
             gradient = self._strain.add(state, wanted, gradient, normals)
-        areas = None if gradient is None else self._deform(state, moment, gradient)
+        areas = None if gradient is None else self._deform(state, moment, gradient, factor)
         drawn = SplatCloud(
             positions=state.positions.copy(),
             rotations=state.rotations.copy(),
@@ -79,11 +87,12 @@ class FrameEvaluator:
             drawn = replace(drawn, scales=state.scales.copy())
         facing = turned(normals, gradient) if moment.drivers else normals
         for driver in moment.drivers:
-            drawn = self._drive(state, drawn, driver, facing, crowding, seconds)
+            part = factor(f"driver:{driver.name}:amount", driver.parameters)
+            drawn = self._drive(state, drawn, driver, facing, crowding, part, seconds)
         state.opacities = drawn.opacities.copy()
         return Frame(time=moment.time, cloud=drawn, uv=state.uv.copy(), births=state.births.copy())
 
-    def _deform(self, state: State, moment: Moment, gradient: F32) -> F32 | None:
+    def _deform(self, state: State, moment: Moment, gradient: F32, factor: Factor) -> F32 | None:
         """Update rotations, scales and harmonics of the state, and return areas."""
         appearance = moment.parameters.appearance
         areas = transport(
@@ -94,6 +103,7 @@ class FrameEvaluator:
             state.rotations,
             state.scales,
             appearance,
+            factor=factor("appearance:maxStretch", appearance),
         )
         if TURNED not in state.memory:
             state.memory[TURNED] = np.zeros(len(state), np.uint8)
@@ -125,6 +135,7 @@ class FrameEvaluator:
         driver: Driver,
         normals: F32,
         crowding: F32,
+        factor: F32 | None,
         seconds: float,
     ) -> SplatCloud:
         """Apply one driver, on arrays that belong to the frame."""
@@ -138,6 +149,7 @@ class FrameEvaluator:
             crowding=crowding,
             normals=normals,
             now=seconds,
+            factor=factor,
         )
         return drawn
 

@@ -145,15 +145,16 @@ class Pattern:
             usual_support=self.usual_support,
         )
 
-    def sizes(self, state: State, moment: Moment) -> F32 | None:
+    def sizes(self, state: State, moment: Moment, masked: F32 | None = None) -> F32 | None:
         """Return the factor of each splat's size as spacing grows, shape (n,); None if all
-        are 1."""
+        are 1. `masked` is the factor of `growth:sizeFollow`, shape (n,)."""
         follow = moment.parameters.growth.size_follow
         if not follow or REST_SUPPORT not in state.memory:
             return None
         before = state.memory[REST_SUPPORT]
         ratio = np.where(before > 0, state.support / np.where(before > 0, before, 1), 1)
-        return np.power(ratio, np.float32(follow)).astype(np.float32)
+        exponent = np.float32(follow) if masked is None else np.float32(follow) * masked
+        return np.power(ratio, exponent).astype(np.float32)
 
     def resolved(self, state: State) -> dict[str, float]:
         """Return the values that automatic parameters took at the beginning."""
@@ -174,8 +175,22 @@ class Pattern:
 
     # --- a frame --------------------------------------------------------------------------
 
-    def react(self, state: State, moment: Moment, influence: Influence) -> None:
-        """Take the reaction steps of a frame."""
+    def react(
+        self,
+        state: State,
+        moment: Moment,
+        influence: Influence,
+        feed_factor: F32 | None = None,
+        kill_factor: F32 | None = None,
+    ) -> None:
+        """Take the reaction steps of a frame.
+
+        Args:
+            state: The splats.
+            moment: Values of the stage.
+            influence: Effects of affectors.
+            feed_factor, kill_factor: Factors of the rates at the splats, shape (n,).
+        """
         reaction = self._current_reaction(state, moment)
         reaction.adopt(moment.parameters.rd)
         if reaction.subdivisions > MOST_PARTS:
@@ -187,7 +202,9 @@ class Pattern:
         if seed is not None:
             uv = uv.copy()
             plant(self._device, uv, seed)
-        self._store(state, reaction.step(uv, feed_offset=feed))
+        feeds, kills = (self._at_carriers(state, each) for each in (feed_factor, kill_factor))
+        after = reaction.step(uv, feed_offset=feed, feed_factor=feeds, kill_factor=kills)
+        self._store(state, after)
 
     def update_density(self, state: State, moment: Moment) -> None:
         """Count neighbours, and adapt the radii to the density."""

@@ -113,6 +113,7 @@ class Skin:
         parameters: SkinParameters,
         positions: F32,
         gradient: F32 | None = None,
+        factor: F32 | None = None,
     ) -> None:
         """Move splats with the pose of the skeleton.
 
@@ -121,12 +122,16 @@ class Skin:
             parameters: Parameters now; `binding` must be that of the beginning.
             positions: [unit], shape (n, 3), changed in place.
             gradient: Gradient of the deformation so far, shape (n, 3, 3), multiplied in place.
+            factor: Factor of the weight of each splat, shape (n,).
 
         Raises:
             StageError: If the pose lacks a joint, or the mesh that splats follow.
         """
         slopes = NO_GRADIENT if gradient is None else gradient
-        common = positions, slopes, self._joints, self._weights, float(parameters.weight)
+        amounts = np.array([parameters.weight])
+        if factor is not None:
+            amounts = parameters.weight * factor.astype(np.float64)
+        common = positions, slopes, self._joints, self._weights, amounts
         if self._by_triangles:
             self._follow(pose, common)
             return

@@ -21,9 +21,10 @@ from usdsplat.kernels.device import Device
 from usdsplat.sim import population
 from usdsplat.sim.contact import Contacts
 from usdsplat.sim.dissolve import Dissolve
-from usdsplat.sim.flight import fly
+from usdsplat.sim.flight import MASKED, fly
 from usdsplat.sim.frame_state import Fades, FrameEvaluator, turned
 from usdsplat.sim.influence import Influence, Influences
+from usdsplat.sim.masks import Masks
 from usdsplat.sim.pattern import Pattern
 from usdsplat.sim.settle import SPEEDS, settle_back
 from usdsplat.sim.specs import Moment, Recipe
@@ -74,7 +75,8 @@ class Solver:
         first = recipe.at(self._timeline.time(0))
         self.state = State.of(rest, recipe.selection) if state is None else state
         self._is_fixed = not (uses.grows or uses.has_births)
-        self._target_pose = TargetPose(device, recipe, first)
+        self._masks = Masks(device, is_fixed=self._is_fixed)
+        self._target_pose = TargetPose(device, recipe, first, self._masks)
         self._pattern = Pattern(device, rest, uses, first)
         self._contacts = Contacts(device)
         self._influences = Influences(device)
@@ -87,13 +89,16 @@ class Solver:
         self._moment = first
         """Values of the stage at that step, or at the first frame."""
         if state is None:
-            self._target_pose.begin(self.state, first, changes=uses.has_births)
+            self._masks.begin(self.state, first)
             self._pattern.begin(self.state, first)
         else:
             self._target_pose.restore(state)
             self._pattern.restore(state)
         if uses.dissolves:
-            Dissolve.of(device, self.state, first.parameters.dissolve, seed=self._seed)
+            Dissolve.of(
+                device, self.state, first.parameters.dissolve, seed=self._seed,
+                factor=lambda knob: self._factor(first, f"dissolve:{knob}"),
+            )  # fmt: skip
         self._targets = self.state.rest_positions
         self._influence = Influence()
         if state is None:
@@ -149,6 +154,7 @@ class Solver:
             normals=self._pattern.normals(state),
             crowding=self._pattern.crowding(state),
             fades=self._fades(moment),
+            factor=lambda knob, of: self._factor(moment, knob, of),
             seconds=self.seconds,
         )
         self._lap("shape")
@@ -187,11 +193,13 @@ class Solver:
         """Put splats at their target positions, outside of all affectors."""
         state = self.state
         self._moment, self._last_on = moment, state.step
+        self._masks.update(state, moment, self.seconds)
         self._targets = self._target_pose.at(state, moment, self.seconds)[0]
         state.positions = self._targets.copy()
+        self._masks.update(state, moment, self.seconds)  # those at current positions
         if self._uses.deforms:
             state.memory[SPEEDS] = np.zeros_like(state.positions)
-        self._influence = self._influences.at(moment.affectors, state.positions)
+        self._influence = self._influence_of(moment)
         self._place(moment, self.seconds)
         self._lap("beginning")
         self._contact(state.positions.copy(), moment, moment)
@@ -216,23 +224,28 @@ class Solver:
         sim, step = after.parameters.sim, Step(self.seconds, self._dt, self._seed)
         now, dt = step.now, step.dt
         started = state.positions.copy()
+        self._masks.update(state, after, now)
+        self._lap("masks")
         wanted = self._target_pose.at(state, after, now)[0]
         self._lap("goal")
-        self._influence = influence = self._influences.at(after.affectors, state.positions)
+        self._influence = influence = self._influence_of(after)
         dissolve = self._dissolving(after)
         assembles = self._uses.dissolves and after.parameters.dissolve.mode == "assemble"
-        if dissolve is not None and not assembles and dissolve.is_due(state, now=now):
-            dissolve.release(state, self._target_normals(after), now=now)
+        if dissolve is not None and not assembles:
+            dissolve.follow(state, now=now)
+            if dissolve.is_due(state, now=now):
+                dissolve.release(state, self._target_normals(after), now=now)
         if assembles or not after.parameters.particles.enabled:
             settle_back(
                 self._device, state, self._targets, wanted, after.parameters.settle, dt,
-                max_speed=sim.max_speed,
+                max_speed=sim.max_speed, factor=self._factor(after, "settle:omega"),
             )  # fmt: skip
         self._lap("settle")
         if self._uses.flies and not assembles:
             fly(
                 self._device, state, after.parameters.particles, step, to_world=after.to_world,
                 air=influence.wind, max_speed=sim.max_speed,
+                factors=[self._factor(after, f"particles:{knob}") for knob in MASKED],
             )  # fmt: skip
             self._lap("flight")
         self._targets = wanted
@@ -250,7 +263,11 @@ class Solver:
         reacts = moment.parameters.rd.enabled
         if is_first:
             if reacts:
-                self._pattern.react(state, moment, influence)
+                self._pattern.react(
+                    state, moment, influence,
+                    feed_factor=self._factor(moment, "rd:feed"),
+                    kill_factor=self._factor(moment, "rd:kill"),
+                )  # fmt: skip
             self._lap("reaction")
             if self._uses.needs_neighbors:
                 self._pattern.update_density(state, moment)
@@ -258,7 +275,8 @@ class Solver:
         if self._is_fixed:
             return started
         off = state.positions - self._targets
-        factor = _product(influence.growth, self._weight())
+        mask = self._factor(moment, "growth:rate")
+        factor = _product(influence.growth, _product(state.weight, mask))
         if reacts and growth.rate:
             population.grow(
                 self._device, state, growth, dt=step.dt, normals=self._pattern.normals(state),
@@ -268,6 +286,8 @@ class Solver:
         if self._uses.has_births:
             is_fertile = reacts and growth.birth_rate > 0
             most = sim.max_count if is_fertile else 0
+            mask = self._factor(moment, "growth:birthRate")
+            factor = _product(influence.growth, _product(state.weight, mask))
             rows = self._change_population(moment, step, most, factor)
         for source in rows:
             off, started = off[source], started[source]
@@ -300,8 +320,12 @@ class Solver:
     def _dissolving(self, moment: Moment) -> Dissolve | None:
         """Return the active dissolve or assemble, or None."""
         knobs = moment.parameters.dissolve
-        is_on = self._uses.dissolves and knobs.enabled
-        return Dissolve(self._device, knobs, self._seed) if is_on else None
+        if not (self._uses.dissolves and knobs.enabled):
+            return None
+        return Dissolve(
+            self._device, knobs, self._seed,
+            lambda knob: self._factor(moment, f"dissolve:{knob}"),
+        )  # fmt: skip
 
     def _target_normals(self, moment: Moment) -> F32:
         """Return the normals of splats in their target pose, shape (n, 3)."""
@@ -331,7 +355,10 @@ class Solver:
         if not self._uses.collides:
             return
         state = self.state
-        spared = np.flatnonzero((self._weight() <= 0) & (state.flags & PINNED == 0))
+        weight = state.weight * np.float32(after.parameters.sim.contact)
+        if (mask := self._factor(after, "sim:contact")) is not None:
+            weight = weight * mask
+        spared = np.flatnonzero((weight <= 0) & (state.flags & PINNED == 0))
         state.flags[spared] |= PINNED
         counts = self._contacts.step(state, started, before.affectors, after.affectors, self._dt)
         self.trapped = max(self.trapped, counts.trapped)
@@ -340,8 +367,7 @@ class Solver:
 
     def _fades(self, moment: Moment) -> Fades:
         """Return the factors of opacity and of size at a time."""
-        dimming = tuple(each for each in moment.affectors if each.parameters.role == "opacity")
-        alpha = self._influences.at(dimming, self.state.positions).opacity
+        alpha = self._influence_of(moment, "opacity").opacity
         size: F32 | None = None
         if self._uses.has_births:
             alphas, sizes = population.fades(self.state, moment.parameters.growth, now=self.seconds)
@@ -350,12 +376,21 @@ class Solver:
         if dissolve is not None:
             alphas, sizes = dissolve.fades(self.state, now=self.seconds)
             alpha, size = _product(alpha, alphas), _product(size, sizes)
-        return Fades(alpha, _product(size, self._pattern.sizes(self.state, moment)))
+        masked = self._factor(moment, "growth:sizeFollow")
+        return Fades(alpha, _product(size, self._pattern.sizes(self.state, moment, masked)))
 
-    def _weight(self) -> F32:
-        """Return the selection weight of each splat now, shape (n,)."""
-        mask = self._influence.mask
-        return self.state.weight if mask is None else self.state.weight * mask
+    def _factor(self, moment: Moment, knob: str, of: object = None) -> F32 | None:
+        """Return the factor of a masked parameter, see `Masks.factor`."""
+        return self._masks.factor(self.state, moment, knob, of)
+
+    def _influence_of(self, moment: Moment, *roles: str) -> Influence:
+        """Return the effects of affectors at the splats, of some roles or all."""
+        chosen = [each for each in moment.affectors if not roles or each.parameters.role in roles]
+        return self._influences.at(
+            tuple(chosen),
+            self.state.positions,
+            lambda each: self._factor(moment, f"{each.path}.affector:amount", each.parameters),
+        )
 
 
 def _product(first: F32 | None, second: F32 | None) -> F32 | None:

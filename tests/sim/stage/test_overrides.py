@@ -16,6 +16,7 @@ from usdsplat.sim.parameters import (
     AffectorParameters,
     DeformParameters,
     DriverParameters,
+    MaskParameters,
     camel,
 )
 from usdsplat.sim.stage.authoring import author
@@ -28,7 +29,10 @@ BALL = "/World/Ball"
 def stage_with_all() -> Usd.Stage:
     """A simulation with a deformer and a driver, and an affector."""
     stage = make_stage()
-    author(simulation_of(stage), {"deform:bow:angle": 10.0, "driver:glow:amount": 0.5})
+    author(
+        simulation_of(stage),
+        {"deform:bow:angle": 10.0, "driver:glow:amount": 0.5, "mask:edge:size": 2.0},
+    )
     author(UsdGeom.Sphere.Define(stage, BALL).GetPrim(), {"affector:friction": 0.1})
     return stage
 
@@ -70,7 +74,7 @@ def test_every_parameter_of_a_simulation_can_be_set(group: str, item: Knob) -> N
     assert stage.GetRootLayer().ExportToString() == before
 
 
-INSTANCES = {"affector": "", "deform": "bow:", "driver": "glow:"}
+INSTANCES = {"affector": "", "deform": "bow:", "driver": "glow:", "mask": "edge:"}
 NAMED = [
     (group, item)
     for group, cls in INSTANCED.items()
@@ -79,6 +83,7 @@ NAMED = [
 ]
 CLASSES = {
     "affector": AffectorParameters, "deform": DeformParameters, "driver": DriverParameters,
+    "mask": MaskParameters,
 }  # fmt: skip
 
 

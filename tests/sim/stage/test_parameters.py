@@ -53,6 +53,8 @@ def test_what_is_authored_is_read_whether_usd_knows_the_type_or_not(group: str, 
         written = Gf.Vec3i(*expected)
     elif isinstance(item.default, tuple) and not item.default:
         written = list(expected)
+    elif item.usd_type == "asset":
+        written = Sdf.AssetPath(expected)
     attribute.Set(written)
     cls = {**GROUPS, **INSTANCED}[group]
     found = read(prim, cls, f"splatSim:{group}", ONE)

@@ -183,7 +183,7 @@ def test_an_option_that_a_preset_does_not_take_is_one_sentence(tmp_path) -> None
         asked("grow", style="wool")
     with pytest.raises(UsageError, match=r"--target: found 'a.usd' and --preset grow, .* --style"):
         asked("grow", target="a.usd")
-    with pytest.raises(UsageError, match=r"--style: found 'x' and --preset push, .*takes no option"):
+    with pytest.raises(UsageError, match=r"--style: .* --preset push, .*takes no option"):
         asked("push", style="x")
     with pytest.raises(StageError, match=r"capture.usdc: found 0 meshes, expected one"):
         asked("conform", target=str(tmp_path / "capture.usdc"))

@@ -14,6 +14,7 @@ from typing import Any, TypeVar
 from usdsplat.core.errors import UsageError
 from usdsplat.core.knobs import Knob, checked, checked_value, knobs
 from usdsplat.sim.parameters.affector import AffectorParameters
+from usdsplat.sim.parameters.mask import MaskParameters
 from usdsplat.sim.parameters.result import AppearanceParameters, BakeParameters, DriverParameters
 from usdsplat.sim.parameters.shape import (
     ConformParameters,
@@ -34,6 +35,8 @@ from usdsplat.sim.parameters.solver import (
 __all__ = [
     "GROUPS",
     "INSTANCED",
+    "MASK",
+    "NAMED",
     "NAMESPACE",
     "AffectorParameters",
     "AppearanceParameters",
@@ -43,6 +46,7 @@ __all__ = [
     "DissolveParameters",
     "DriverParameters",
     "GrowthParameters",
+    "MaskParameters",
     "NeighborsParameters",
     "Parameters",
     "ParticlesParameters",
@@ -51,8 +55,10 @@ __all__ = [
     "SettleParameters",
     "SimParameters",
     "SkinParameters",
+    "binding_of",
     "camel",
     "legal",
+    "masked_parameters",
 ]
 
 NAMESPACE = "splatSim"
@@ -98,9 +104,34 @@ INSTANCED: dict[str, type] = {
     "affector": AffectorParameters,
     "deform": DeformParameters,
     "driver": DriverParameters,
+    "mask": MaskParameters,
 }
-"""Groups with several instances: affectors are prims of their own, deformers and drivers have
-names, as in `splatSim:deform:<name>:angle`."""
+"""Groups with several instances: affectors are prims of their own, deformers, drivers and masks
+have names, as in `splatSim:deform:<name>:angle`."""
+
+NAMED = ("deform", "driver", "mask")
+"""Groups whose instances have names."""
+
+MASK = "mask"
+"""Last part of the name of an attribute that names the mask of a parameter."""
+
+
+def binding_of(item: Knob) -> Knob:
+    """Return the knob `<name>:mask` that names the mask of another knob."""
+    return Knob(
+        name=f"{item.name}:{MASK}", type=str, default="", usd_type="token", uniform=True,
+        text=f"name of the mask that multiplies {item.name}, splat by splat",
+    )  # fmt: skip
+
+
+def masked_parameters() -> tuple[str, ...]:
+    """Return the names of all parameters that take a mask, such as "growth:rate"."""
+    return tuple(
+        f"{group}:<name>:{camel(item.name)}" if group in NAMED else f"{group}:{camel(item.name)}"
+        for group, cls in {**GROUPS, **INSTANCED}.items()
+        for item in knobs(cls)
+        if item.takes_mask
+    )
 
 
 def camel(name: str) -> str:

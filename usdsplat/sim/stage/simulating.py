@@ -376,7 +376,7 @@ def _provenance(simulation: Simulation, parameters: Parameters) -> Provenance:
     with simulation.reading:
         opinions, lines = parameter_hash(stage, frames), parameter_lines(stage, frames)
         rate, edits = stage.GetTimeCodesPerSecond(), stage.GetSessionLayer().identifier
-    chunks = [file for each in simulation.recipes.values() if each.cut for file in each.cut.files]
+    chunks = [file for each in simulation.recipes.values() for file in each.files]
     return Provenance(
         param_hash=opinions,
         parameters=lines,
