@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -11,6 +10,7 @@ import numpy as np
 from usdsplat.core.cloud import F32, SplatCloud
 from usdsplat.kernels.device import Device
 from usdsplat.sim.drivers import drive
+from usdsplat.sim.masks import Masks
 from usdsplat.sim.specs import Driver, Moment
 from usdsplat.sim.state import Frame, State
 from usdsplat.sim.strain import Strain
@@ -27,21 +27,17 @@ class Fades(NamedTuple):
     size: F32 | None
 
 
-Factor = Callable[[str, object], F32 | None]
-"""Returns the factor of a parameter, by its name and its group, shape (n,); None where it has no
-mask."""
-
-
 class FrameEvaluator:
     """Computes the frames of one field.
 
     Args:
         device: Runs the kernels.
         strain: Estimates the deformation around pushed splats; None if none are pushed.
+        masks: The masks of the field.
     """
 
-    def __init__(self, device: Device, strain: Strain | None) -> None:
-        self._device, self._strain = device, strain
+    def __init__(self, device: Device, strain: Strain | None, masks: Masks) -> None:
+        self._device, self._strain, self._masks = device, strain, masks
 
     def frame(
         self,
@@ -53,7 +49,6 @@ class FrameEvaluator:
         normals: F32,
         crowding: F32,
         fades: Fades,
-        factor: Factor,
         seconds: float,
     ) -> Frame:
         """Return the splats of a frame; nothing changes its arrays afterwards.
@@ -68,12 +63,11 @@ class FrameEvaluator:
             crowding: Number of neighbours relative to the target, shape (n,); empty if no driver
                 needs it.
             fades: Factors of opacities and sizes.
-            factor: Factors of masked parameters.
             seconds: Time since the simulation's start [s].
         """
         if self._strain is not None:
             gradient = self._strain.add(state, wanted, gradient, normals)
-        areas = None if gradient is None else self._deform(state, moment, gradient, factor)
+        areas = None if gradient is None else self._deform(state, moment, gradient)
         drawn = SplatCloud(
             positions=state.positions.copy(),
             rotations=state.rotations.copy(),
@@ -87,12 +81,13 @@ class FrameEvaluator:
             drawn = replace(drawn, scales=state.scales.copy())
         facing = turned(normals, gradient) if moment.drivers else normals
         for driver in moment.drivers:
-            part = factor(f"driver:{driver.name}:amount", driver.parameters)
+            amount = f"driver:{driver.name}:amount"
+            part = self._masks.factor(state, moment, amount, driver.parameters)
             drawn = self._drive(state, drawn, driver, facing, crowding, part, seconds)
         state.opacities = drawn.opacities.copy()
         return Frame(time=moment.time, cloud=drawn, uv=state.uv.copy(), births=state.births.copy())
 
-    def _deform(self, state: State, moment: Moment, gradient: F32, factor: Factor) -> F32 | None:
+    def _deform(self, state: State, moment: Moment, gradient: F32) -> F32 | None:
         """Update rotations, scales and harmonics of the state, and return areas."""
         appearance = moment.parameters.appearance
         areas = transport(
@@ -103,7 +98,7 @@ class FrameEvaluator:
             state.rotations,
             state.scales,
             appearance,
-            factor=factor("appearance:maxStretch", appearance),
+            factor=self._masks.factor(state, moment, "appearance:maxStretch"),
         )
         if TURNED not in state.memory:
             state.memory[TURNED] = np.zeros(len(state), np.uint8)

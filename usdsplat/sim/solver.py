@@ -81,7 +81,7 @@ class Solver:
         self._contacts = Contacts(device)
         self._influences = Influences(device)
         strain = Strain(device, is_fixed=self._is_fixed) if uses.collides else None
-        self._evaluator = FrameEvaluator(device, strain)
+        self._evaluator = FrameEvaluator(device, strain, self._masks)
         self.trapped = 0
         """Largest number of splats that one step could not move out of the affectors."""
         self._last_on = -1
@@ -154,7 +154,6 @@ class Solver:
             normals=self._pattern.normals(state),
             crowding=self._pattern.crowding(state),
             fades=self._fades(moment),
-            factor=lambda knob, of: self._factor(moment, knob, of),
             seconds=self.seconds,
         )
         self._lap("shape")
