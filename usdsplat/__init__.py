@@ -24,7 +24,7 @@ _MODULES = {
     "RenderSettings": "render.settings",
     "SequenceOptions": "interchange",
     "Session": "preview.session",
-    "Simulation": "sim.stage.simulating",
+    "Simulation": "sim.stage.simulation",
     "SimulationStatus": "preview.values",
     "SplatCloud": "core.cloud",
     "StageLoading": "preview.opening",

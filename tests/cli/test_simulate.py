@@ -6,6 +6,7 @@ import errno
 import json
 import os
 import re
+import shlex
 from dataclasses import fields
 
 import numpy as np
@@ -270,7 +271,7 @@ def test_a_bake_that_fails_before_its_first_checkpoint_leaves_nothing(
     run, sim, tmp_path, monkeypatch
 ):
     """Oracle: the listing; the folder of the results was made by the command, too."""
-    from usdsplat.sim.stage.simulating import Simulation
+    from usdsplat.sim.stage.simulation import Simulation
 
     def fail(self):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
@@ -301,7 +302,7 @@ def test_a_late_error_does_not_remove_a_complete_bake(run, sim, tmp_path, monkey
 def test_an_interrupted_bake_is_a_finding_until_it_is_resumed(run, sim, tmp_path, monkeypatch):
     """Oracle: the codes of `validate` and `render`; the frames on the disk are those that the
     checkpoint after the second of four frames needs: the first."""
-    from usdsplat.sim.stage.simulating import Simulation
+    from usdsplat.sim.stage.simulation import Simulation
 
     advance = Simulation.advance
 
@@ -331,9 +332,64 @@ def test_an_interrupted_bake_is_a_finding_until_it_is_resumed(run, sim, tmp_path
         assert "unfinished-bake" not in codes
 
 
+def stopped_at(monkeypatch, frame, error=KeyboardInterrupt):
+    """Make simulations end by an error instead of the step to a frame."""
+    from usdsplat.sim.stage.simulation import Simulation
+
+    advance = Simulation.advance
+
+    def stop(self):
+        if all(solver.time == frame - 1 for solver in self.solvers.values()):
+            raise error
+        advance(self)
+
+    monkeypatch.setattr(Simulation, "advance", stop)
+
+
+def test_an_interruption_says_how_to_go_on(run, sim, tmp_path, monkeypatch):
+    """Oracle: the commands, which continue the bake: after its second frame, or from the start."""
+    bake = tmp_path / "a b.usda"
+    words = ("simulate", sim, "-o", bake, "--frames", "1:4", "--set", "settle:omega=3")
+    go_on = f"usdsplat {shlex.join(map(str, words))} --resume"
+    for frame, sentence in ((4, "go on after frame 2 with"), (2, "begin again with")):
+        with monkeypatch.context() as patch:
+            stopped_at(patch, frame)
+            status, _, err = run(*words, "--force")
+        assert status == 130
+        assert err.splitlines()[-1] == f"usdsplat: interrupted; {sentence}: {go_on}"
+    assert run(*shlex.split(go_on)[1:])[0] == 0
+    assert run(*words, "--force")[0] == 0
+
+
+def test_a_finished_bake_gets_more_frames(run, sim, tmp_path):
+    """Oracle: the bytes of all frames at once; the frames that were simulated."""
+    whole, other = tmp_path / "whole" / "a.usda", tmp_path / "other" / "a.usda"
+    frames = ("--set", "settle:omega=3", "--frames")
+    assert run("simulate", sim, "-o", whole, *frames, "1:5")[0] == 0
+    assert run("simulate", sim, "-o", other, *frames, "1:3")[0] == 0
+    status, out, _ = run("simulate", sim, "-o", other, *frames, "1:5", "--resume", "--json")
+    assert status == 0 and json.loads(out)["frames"] == 4
+    for name in ("a.usda", "a_data/samples.usdc", "a_data/kept_checkpoint"):
+        assert (other.parent / name).read_bytes() == (whole.parent / name).read_bytes()
+    drop = ("--resume", "--drop-checkpoint")
+    assert run("simulate", sim, "-o", other, *frames, "1:5", *drop)[0] == 0
+    assert os.listdir(other.parent / "a_data") == ["samples.usdc"]
+    status, _, err = run("simulate", sim, "-o", other, *frames, "1:6", "--resume")
+    assert status == 2 and "found a bake without a_data/kept_checkpoint" in err
+
+
+def test_the_phases_of_the_preparation_are_in_the_report(run, sim, tmp_path):
+    """Oracle: the names of what this simulation prepares."""
+    _, out, _ = run("simulate", sim, "-o", tmp_path / "bake.usda", *FRAMES, "--json")
+    phases = json.loads(out)["phases"]
+    assert {"reading the captures", "reading the stage", "hashing the inputs", "beginning",
+            "simulating", "merging the samples"} <= phases.keys()  # fmt: skip
+    assert all(seconds >= 0 for seconds in phases.values())
+
+
 def test_an_interrupted_bake_goes_on_bit_for_bit(run, sim, tmp_path, monkeypatch):
     """Oracle: the same bake, never interrupted."""
-    from usdsplat.sim.stage.simulating import Simulation
+    from usdsplat.sim.stage.simulation import Simulation
 
     whole, broken = tmp_path / "whole.usda", tmp_path / "broken.usda"
     assert run("simulate", sim, "-o", whole)[0] == 0

@@ -10,19 +10,23 @@ examples:
   usdsplat simulate city_grow.usda -o bake.usda --max-splats 300000
       simulate a cut of a splat tree; the bake is drawn in place of the tree
   usdsplat simulate grow.usda --frames 1:100 -o bake.usda --resume
-      continue an interrupted bake
+      continue an interrupted bake, or make a finished one of fewer frames longer
   usdsplat simulate --list-parameters
       every parameter with its range, unit and meaning
 
 notes:
   bake.usda has the stage as a sublayer and can be opened in any USD application. Mute its data
   layer to see the capture again. A bake can be resumed from its last checkpoint, see
-  bake:checkpointEvery, as long as its inputs have not changed.
+  bake:checkpointEvery, as long as its inputs have not changed. A finished bake keeps the state at
+  the first frame of its last epoch (bake:clipFrames), bake_data/kept_checkpoint.
 """
 
 from __future__ import annotations
 
 import itertools
+import shlex
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -31,13 +35,14 @@ from usdsplat.cli import console
 from usdsplat.cli.arguments import option, positional
 from usdsplat.cli.reporting import Reporter, ReportingOptions
 from usdsplat.cli.stage_options import StageOptions
+from usdsplat.core import interrupt
 from usdsplat.core.errors import UsageError
 from usdsplat.images.frame_numbers import LIMIT, parse_frames
 
 if TYPE_CHECKING:
     from pxr import Usd
 
-    from usdsplat.sim.stage.simulating import Existing
+    from usdsplat.sim.stage.simulating import Existing, SimulateOptions
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -68,9 +73,13 @@ class Options:
     """simulate each splat tree with at most so many splats, by refining its largest errors first;
     default: as on the stage, else 1000000"""
     resume: Annotated[bool, option()] = False
-    """continue an existing bake from its last checkpoint"""
+    """continue an interrupted bake from its last checkpoint, or add the frames that --frames has
+    more than a finished one"""
     force: Annotated[bool, option()] = False
     """replace an existing bake"""
+    drop_checkpoint: Annotated[bool, option()] = False
+    """do not keep the checkpoint from which frames can be added; with --resume also remove that of
+    a finished bake"""
     axes: Annotated[str | None, option("AXES")] = None
     """directions of a capture's x, y and z, such as rdf; default: auto: as stated in the file, else
     as its splats suggest, else rdf"""
@@ -147,7 +156,7 @@ def _bake(options: Options, source: Path, target: Path, reporter: Reporter) -> i
     from usdsplat.interchange.files import check_not_input, is_usd, layer_files
     from usdsplat.kernels.compiling import compile_time, on_compile
     from usdsplat.sim.stage.overrides import override
-    from usdsplat.sim.stage.simulating import SimulateOptions, simulate
+    from usdsplat.sim.stage.simulating import simulate
 
     if not is_usd(source):
         found = f"{source}, which is a capture"
@@ -165,23 +174,70 @@ def _bake(options: Options, source: Path, target: Path, reporter: Reporter) -> i
     announce = reporter.announce_compilation(
         "compiling kernels, once for each kind of simulation; it takes up to a minute"
     )
-    with compile_time() as compiled, reporter.progress(compiled) as progress, on_compile(announce):
+    frames = _frames(options, stage)
+    with (
+        compile_time() as compiled,
+        reporter.progress(compiled) as progress,
+        on_compile(announce),
+        advising(reporter.arguments, target),
+    ):
         report = simulate(
-            stage,
-            target,
-            _frames(options, stage),
-            SimulateOptions(
-                device=options.device, threads=options.threads, existing=_existing(options)
-            ),
-            progress=progress,
-            findings=reporter.findings,
-        )
+            stage, target, frames, simulate_options(options), progress=progress,
+            findings=reporter.findings, rates=rates_file(),
+        )  # fmt: skip
     if options.json:
         reporter.print_json(asdict(report))
     else:
         console.say_path(target)
         reporter.remark(report.sentence())
     return 0
+
+
+def simulate_options(options: Options) -> SimulateOptions:
+    """Return the options of the simulation."""
+    from usdsplat.sim.stage.simulating import SimulateOptions
+
+    return SimulateOptions(
+        device=options.device,
+        threads=options.threads,
+        existing=_existing(options),
+        keeps_checkpoint=not options.drop_checkpoint,
+    )
+
+
+def rates_file() -> Path | None:
+    """Return the file with the rates of this machine, beside the kernels that it compiled."""
+    from usdsplat.kernels.store import folder
+
+    kernels = folder()
+    return None if kernels is None else kernels / "rates.json"
+
+
+def resumed(arguments: Sequence[str]) -> str:
+    """Return the command that continues another one."""
+    words = [word for word in arguments if word not in ("--force", "--resume")]
+    return shlex.join(["usdsplat", *words, "--resume"])
+
+
+@contextmanager
+def advising(arguments: Sequence[str], target: Path) -> Iterator[None]:
+    """Tell how to go on if the context is interrupted.
+
+    Args:
+        arguments: The command line after the program's name.
+        target: The bake.
+    """
+    interrupt.advise(f"go on with: {resumed(arguments)}")
+    try:
+        yield
+        interrupt.advise("")
+    except KeyboardInterrupt:
+        from usdsplat.sim.stage.bake_layers import resume_frame
+
+        frame = resume_frame(target)
+        after = "begin again" if frame is None else f"go on after frame {frame:g}"
+        interrupt.advise(f"{after} with: {resumed(arguments)}")
+        raise
 
 
 def _tree_overrides(options: Options, stage: Usd.Stage) -> tuple[str, ...]:

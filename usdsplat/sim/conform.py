@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from usdsplat.core import quaternion
 from usdsplat.core.cloud import F32, I32, I64
+from usdsplat.core.progress import phase
 from usdsplat.kernels.device import Device
 from usdsplat.kernels.sim import conform as kernels
 from usdsplat.kernels.sim.facets import measure, smooth
@@ -256,6 +257,14 @@ class Conform:
         rows = np.flatnonzero(kept["faces"] == UNBOUND)
         if len(rows) == 0:
             return
+        with phase("binding to the target", work=len(rows)):
+            self._bind_rows(mesh, rows, positions, gradient, is_first=is_first)
+
+    def _bind_rows(
+        self, mesh: _Target, rows: Rows, positions: F32, gradient: F32, *, is_first: bool
+    ) -> None:
+        """Bind some splats."""
+        n, kept = len(positions), self._memory
         axes = np.empty_like(self._axes)
         self._device.run(kernels.look, gradient, self._axes, axes)
         hits = self._target_points(mesh.tree, positions[rows], axes[rows])

@@ -11,6 +11,7 @@ import numpy as np
 from usdsplat.core.cloud import F32, I32, SplatCloud
 from usdsplat.core.errors import StageError
 from usdsplat.core.findings import Finding, finding
+from usdsplat.core.progress import phase
 from usdsplat.kernels.device import Device
 from usdsplat.sim import support as supports
 from usdsplat.sim.carriers import Binding, Carriers
@@ -62,10 +63,11 @@ class Pattern:
         self.usual_support = 0.0
         """Median radius of a neighbourhood at the beginning [unit]."""
         if uses.reacts and p.rd.domain == "carrier":
-            self._carriers = Carriers.of(
-                device, rest, distance=p.rd.pattern_scale, seed=p.sim.seed,
-                target=p.neighbors.target,
-            )  # fmt: skip
+            with phase("carriers", work=len(rest)):
+                self._carriers = Carriers.of(
+                    device, rest, distance=p.rd.pattern_scale, seed=p.sim.seed,
+                    target=p.neighbors.target,
+                )  # fmt: skip
             self._from = nearest(device, rest.positions, self._carriers.positions, 1)[0][:, 0]
             self._ids = np.arange(len(rest)) if rest.ids is None else rest.ids
 
@@ -76,7 +78,8 @@ class Pattern:
         pattern."""
         p = first.parameters
         if self._needs_graph:
-            self._measure_rest(state, first)
+            with phase("neighbours and normals", work=len(state)):
+                self._measure_rest(state, first)
         elif self._uses.collides:  # pushed sheets need normals of any sign
             state.memory[NORMALS] = axes(self._device, state.rest_rotations, state.rest_scales)
         found = np.zeros(len(_AUTOMATIC))  # 0 for automatic parameters that are unused
@@ -86,7 +89,8 @@ class Pattern:
         if not self._uses.reacts:
             return
         if self._carriers is not None:
-            bound = self._carriers.bind(self._device, state.rest_positions)
+            with phase("binding to the carriers", work=len(state)):
+                bound = self._carriers.bind(self._device, state.rest_positions)
             state.memory[NEAR], state.memory[WEIGHTS] = bound.near, bound.weights
             uv = untouched(len(self._carriers))
             reaction = self._current_reaction(state, first)

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from usdsplat.core import quaternion
 from usdsplat.core.cloud import F32, F64, I32
 from usdsplat.core.errors import StageError
+from usdsplat.core.progress import phase
 from usdsplat.kernels.device import Device
 from usdsplat.kernels.sim.skin import (
     DUAL,
@@ -53,7 +54,8 @@ class Skin:
         if binding.surface is not None:
             turn, shift = binding.bind[:3, :3], binding.bind[:3, 3]
             bound = (rest.astype(np.float64) @ turn.T + shift).astype(np.float32)
-            hits = Triangles(device, binding.surface).closest(bound)
+            with phase("binding to the mesh", work=len(rest)):
+                hits = Triangles(device, binding.surface).closest(bound)
             self._joints, self._weights = hits.faces, hits.weights
             if not self._by_triangles:
                 self._take_weights(binding.surface)

@@ -13,7 +13,7 @@ from tests.preview.simulating.hosts import running
 from tests.trees import little_tree
 from usdsplat import schema
 from usdsplat.kernels.devices import open_device
-from usdsplat.sim.stage.simulating import Simulation
+from usdsplat.sim.stage.simulation import Simulation
 
 
 def test_frames_of_a_cut_are_a_field_on_the_stage_until_a_reset(tmp_path: Path) -> None:

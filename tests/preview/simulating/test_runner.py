@@ -18,7 +18,7 @@ from usdsplat.core.cloud import SplatCloud
 from usdsplat.delegate.engine import Engine
 from usdsplat.kernels.devices import open_device
 from usdsplat.preview.simulating import live_layer
-from usdsplat.sim.stage.simulating import Simulation
+from usdsplat.sim.stage.simulation import Simulation
 
 PUSH: dict[str, object] = {}
 ARRAYS = ("positions", "rotations", "scales", "opacities", "sh")

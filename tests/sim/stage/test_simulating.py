@@ -27,7 +27,9 @@ from usdsplat.kernels.devices import open_device
 from usdsplat.sim.stage import simulating
 from usdsplat.sim.stage.authoring import author
 from usdsplat.sim.stage.provenance import read_record
-from usdsplat.sim.stage.simulating import Clock, SimulateOptions, Simulation, simulate
+from usdsplat.sim.stage.report import Clock
+from usdsplat.sim.stage.simulating import SimulateOptions, simulate
+from usdsplat.sim.stage.simulation import Simulation
 
 ROOT = Path(__file__).resolve().parents[3]
 FRAMES = tuple(float(time) for time in range(1, 15))

@@ -14,7 +14,7 @@ from usdsplat.kernels.device import Device
 from usdsplat.preview.simulating.job import Host, Job
 from usdsplat.preview.simulating.live_layer import LiveLayer
 from usdsplat.preview.simulating.watching import LiveRecipe, Watch
-from usdsplat.sim.stage.simulating import Simulation, baked_fields
+from usdsplat.sim.stage.simulation import Simulation, baked_fields
 
 AHEAD = 240
 """Number of frames examined in advance if a stage has no range, to prepare the solver."""

@@ -20,7 +20,7 @@ from usdsplat.sim.specs import Moment
 from usdsplat.sim.stage import collections
 from usdsplat.sim.stage.parameters import NAMED_RELATIONSHIPS, RELATIONSHIPS, instances
 from usdsplat.sim.stage.recipe import StageRecipe, find_simulations
-from usdsplat.sim.stage.simulating import Simulation
+from usdsplat.sim.stage.simulation import Simulation
 
 _NAMES = (f"{NAMESPACE}:", "collection:")
 

@@ -5,6 +5,7 @@
     bake_data/clips.usda    the clips as one layer of opinions
     bake_data/manifest.usda which attributes are in the clips
     bake_data/samples.usdc  all samples; written at the end, except in mode clips
+    bake_data/kept_checkpoint   state at the first frame of the last epoch, to add frames from
     bake_data/checkpoint, bake_data/*.frame     state to resume from; removed at the end
 
 Except in mode clips, `samples.usdc` replaces `clip.*`, `clips.usda` and `manifest.usda`.
@@ -27,19 +28,21 @@ from typing import Any
 
 from pxr import Sdf, Tf, Usd, UsdGeom, Vt
 
-from usdsplat.core.errors import OutputError, StageError
+from usdsplat.core.errors import FormatError, OutputError, StageError
 from usdsplat.core.output import output_group
 from usdsplat.core.readable import check_referable
 from usdsplat.schema import tokens
 from usdsplat.schema.usd_files import export_layer
 from usdsplat.schema.value_clips import stage_files
+from usdsplat.sim.checkpoint import time_of
 from usdsplat.sim.stage.bake_findings import is_unfinished
 from usdsplat.sim.stage.plan import Plan
 from usdsplat.sim.stage.provenance import nested
-from usdsplat.sim.stage.sample_layer import declare, merge, sampled
+from usdsplat.sim.stage.sample_layer import Part, declare, merge, sampled
 
 _CLIPS = ("clip.*.usdc", "clips.usda", "manifest.usda")
 _WORK = ("checkpoint", "*.frame")
+_KEPT = "kept_checkpoint"
 
 
 class BakeLayers:
@@ -58,6 +61,16 @@ class BakeLayers:
         """Path of the checkpoint, whether it exists or not."""
         return self.folder / "checkpoint"
 
+    @property
+    def kept(self) -> Path:
+        """Path of the checkpoint from which frames can be added, whether it exists or not."""
+        return self.folder / _KEPT
+
+    @property
+    def merged(self) -> Path:
+        """Path of the file of all samples, whether it exists or not."""
+        return self.folder / "samples.usdc"
+
     def clip(self, number: int) -> Path:
         """Return the file of an epoch."""
         return self.folder / f"clip.{number:04d}.usdc"
@@ -69,11 +82,13 @@ class BakeLayers:
         except OSError as error:
             found = error.strerror or str(error)
             raise OutputError(str(self.folder), found, "a folder that can be made") from error
-        self._remove((*_CLIPS, *_WORK, "samples.usdc"))
+        self._remove((*_CLIPS, *_WORK, _KEPT, "samples.usdc"))
 
-    def end(self, *, keeps_clips: bool) -> None:
+    def end(self, *, keeps_clips: bool, keeps_checkpoint: bool = True) -> None:
         """Remove everything that the named layer does not need."""
         self._remove(_WORK if keeps_clips else (*_CLIPS, *_WORK))
+        if not keeps_checkpoint:
+            self._remove((_KEPT,))
 
     def discard(self) -> None:
         """Remove an unfinished named layer and the folder. Complete ones stay: then only the error
@@ -89,7 +104,7 @@ class BakeLayers:
                 self.end(keeps_clips=not os.path.exists(data[0]))
             return
         with suppress(OSError):
-            self._remove((*_CLIPS, *_WORK, "samples.usdc"))
+            self._remove((*_CLIPS, *_WORK, _KEPT, "samples.usdc"))
             self.folder.rmdir()
         if is_ours:
             with suppress(OSError):
@@ -129,15 +144,18 @@ class BakeLayers:
             export_layer(layer, self.folder / "clips.usda")
             self._write_root([self.folder / "clips.usda"], record)
 
-    def show_merged(self, clips: int, record: Mapping[str, Any]) -> None:
-        """Write the named layer over one file of all samples."""
-        merged = self.folder / "samples.usdc"
+    def show_earlier(self, record: Mapping[str, Any], *, has_clips: bool) -> None:
+        """Write the named layer over the results of a bake that frames are added to."""
+        self._write_root([self.folder / "clips.usda" if has_clips else self.merged], record)
+
+    def show_merged(self, parts: Sequence[Part], record: Mapping[str, Any]) -> None:
+        """Write the named layer over one file of the samples of all parts."""
         # At the default time, the arrays of the packed type have no value. Positions must not have
         # one either, or the prim would be inconsistent there.
         retyped = [f"{plan.path}.{tokens.POSITIONS}" for plan in self._plans if plan.retype]
         with output_group():
-            merge([self.clip(number) for number in range(clips)], merged, retyped)
-            self._write_root([merged], record)
+            merge(parts, self.merged, self.rate, retyped)
+            self._write_root([self.merged], record)
 
     def _remove(self, patterns: Sequence[str]) -> None:
         """Remove files of a bake."""
@@ -189,6 +207,21 @@ class BakeLayers:
             raise OutputError(str(self.folder), found, "a folder that can be made")
         if self.target.suffix != ".usda":
             raise StageError(str(self.target), f"the suffix {self.target.suffix!r}", ".usda")
+
+
+def resume_frame(target: Path) -> float | None:
+    """Return the frame after which an interrupted bake can be continued; None before its first
+    checkpoint."""
+    folder = target.with_name(f"{target.stem}_data")
+    names = ["checkpoint"]
+    try:
+        names += [_KEPT] if is_unfinished(target) else []
+        for name in names:
+            if (folder / name).is_file():
+                return time_of(folder / name)
+    except (OSError, Tf.ErrorException, FormatError):
+        pass  # damaged, or another program's
+    return None
 
 
 def _block_hints(root: Sdf.Layer, prim: Usd.Prim) -> None:
