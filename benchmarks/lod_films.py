@@ -34,7 +34,7 @@ from benchmarks.lod_quality import tree_to_capture
 from benchmarks.minification import Framing
 from benchmarks.plot import COLOURS, save
 from benchmarks.report import Report
-from benchmarks.scenes import DATA, view_of
+from benchmarks.scenes import DATA, looking_at, view_of
 from usdsplat import formats
 from usdsplat.core.cloud import F32, F64, SplatCloud
 from usdsplat.delegate.engine import Engine
@@ -112,19 +112,10 @@ def views(
         size: Resolution [pixel].
         to_capture: Matrix from the stage to the capture.
     """
-    focal = 1.2 * size[1]
-    k = np.array([[focal, 0, size[0] / 2], [0, focal, size[1] / 2], [0, 0, 1.0]])
     for part in (np.arange(frames) / max(1, frames - 1)).tolist():
         turn = 0.4 + (0.5 * np.pi * part if move == "orbit" else 0.0)
         far = ORBIT if move == "orbit" else DOLLY[0] * (DOLLY[1] / DOLLY[0]) ** part
-        back = np.array([np.sin(turn), -0.25, np.cos(turn)])
-        back /= np.linalg.norm(back)
-        right = np.cross([0, -1.0, 0], back)
-        right /= np.linalg.norm(right)
-        axes = np.array([right, np.cross(-back, right), -back])
-        matrix = np.eye(4)
-        matrix[:3, :3] = axes
-        matrix[:3, 3] = -axes @ (where.center + back * far * where.radius * 2.4)
+        matrix, k = looking_at(where.center, turn, far * where.radius * 2.4, size)
         yield view_of(matrix @ to_capture, k, size)
 
 

@@ -18,14 +18,14 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from rich.table import Table
 
 from benchmarks.report import Report
-from benchmarks.scenes import CAPTURES, DATA, scene_of, view_of
+from benchmarks.scenes import CAPTURES, DATA, looking_at, scene_of, view_of
 from usdsplat import formats
 from usdsplat.core.cloud import F32, F64, SplatCloud
 from usdsplat.interchange.decimating import FAR_LINES, decimate, framing_pixel, level
@@ -71,18 +71,8 @@ class Framing:
     def views(self, distance: float, scale: int, frame: tuple[int, int] = SIZE) -> Iterator[View]:
         """Yield the views from a multiple of the framing distance, at `scale` times a size."""
         size = (frame[0] * scale, frame[1] * scale)
-        focal = 1.2 * size[1]
-        away = distance * self.radius * 2 * 1.2
-        k = np.array([[focal, 0, size[0] / 2], [0, focal, size[1] / 2], [0, 0, 1]])
         for turn in TURNS:
-            back = np.array([np.sin(turn), -0.25, np.cos(turn)])
-            back /= np.linalg.norm(back)
-            right = np.cross([0, -1.0, 0], back)
-            right /= np.linalg.norm(right)
-            axes = np.array([right, np.cross(-back, right), -back])
-            matrix = np.eye(4)
-            matrix[:3, :3] = axes
-            matrix[:3, 3] = -axes @ (self.center + back * away)
+            matrix, k = looking_at(self.center, turn, distance * self.radius * 2.4, size)
             yield view_of(matrix, k, size)
 
 
@@ -130,6 +120,29 @@ class Way:
     """Whether the gain of levels is measured against it."""
 
 
+def decibels(
+    renderer: Renderer,
+    way: Way,
+    where: Framing,
+    truth: Mapping[int, Sequence[F32]],
+    size: tuple[int, int] = SIZE,
+) -> dict[int, float]:
+    """Return the least PSNR of the views [dB] by distance.
+
+    Args:
+        truth: Right picture of each view by distance.
+    """
+    return {
+        k: min(map(psnr, pictures(renderer, way.cloud, where, k, way.mode, way.scale, size), right))
+        for k, right in truth.items()
+    }
+
+
+def said(quality: float) -> str:
+    """Return dB as the cell of a table; the right picture itself has no number."""
+    return f"{quality:.1f}" if np.isfinite(quality) else "–"
+
+
 def chain(
     cloud: SplatCloud, pixel: float, peak: float, parts: Sequence[int]
 ) -> Iterator[tuple[int, SplatCloud]]:
@@ -164,12 +177,18 @@ def ways(cloud: SplatCloud) -> Iterator[Way]:
                     yield Way(f"level 1/{part}", some, "antialiased", scale)
 
 
+def asked(arguments: Sequence[str]) -> tuple[list[str], tuple[int, int]]:
+    """Return the names and the size of pictures of a command line."""
+    names = list(arguments)
+    if names[:1] != ["--size"]:
+        return names, SIZE
+    width, height = names[1].split("x")
+    return names[2:], (int(width), int(height))
+
+
 def main(report: Report) -> None:
     """Print a table for each capture."""
-    names, size = list(report.arguments), SIZE
-    if names[:1] == ["--size"]:
-        width, height = names[1].split("x")
-        names, size = names[2:], (int(width), int(height))
+    names, size = asked(report.arguments)
     renderer = Renderer(open_device())
     for name in names or CAPTURES:
         cloud = formats.read(DATA / "splats" / name).cloud

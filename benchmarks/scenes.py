@@ -39,6 +39,28 @@ def view_of(view: F64, k: F64, size: tuple[int, int]) -> View:
     return View(camera=camera, framing=Framing(resolution=size, conform="adjustPixelAspectRatio"))
 
 
+def looking_at(center: F64, turn: float, away: float, size: tuple[int, int]) -> tuple[F64, F64]:
+    """Return the view matrix and the intrinsics [pixel] of a camera that looks down at a centre.
+
+    Args:
+        center: In the coordinates of a capture, with y down.
+        turn: Azimuth of the camera [radian].
+        away: Its distance.
+        size: Width and height of the picture [pixel]; its height is 1 / 1.2 of the focal length.
+    """
+    focal = 1.2 * size[1]
+    k = np.array([[focal, 0, size[0] / 2], [0, focal, size[1] / 2], [0, 0, 1.0]])
+    back = np.array([np.sin(turn), -0.25, np.cos(turn)])
+    back /= np.linalg.norm(back)
+    right = np.cross([0, -1.0, 0], back)
+    right /= np.linalg.norm(right)
+    axes = np.array([right, np.cross(-back, right), -back])
+    matrix = np.eye(4)
+    matrix[:3, :3] = axes
+    matrix[:3, 3] = -axes @ (center + back * away)
+    return matrix, k
+
+
 def afresh(view: View, number: int) -> View:
     """Return the view with a slightly different camera for each number, so that no results of the
     last picture are reused."""

@@ -14,10 +14,19 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-import numpy as np
 from rich.table import Table
 
-from benchmarks.minification import DISTANCES, LARGEST, SAMPLES, SIZE, Framing, Way, pictures, psnr
+from benchmarks.minification import (
+    DISTANCES,
+    LARGEST,
+    SAMPLES,
+    Framing,
+    Way,
+    asked,
+    decibels,
+    pictures,
+    said,
+)
 from benchmarks.report import Report
 from benchmarks.scenes import DATA
 from usdsplat import formats
@@ -51,10 +60,7 @@ def ways(folder: Path, finest: SplatCloud) -> Iterator[Way]:
 
 def main(report: Report) -> None:
     """Print a table for each folder."""
-    names, size = list(report.arguments), SIZE
-    if names[:1] == ["--size"]:
-        width, height = names[1].split("x")
-        names, size = names[2:], (int(width), int(height))
+    names, size = asked(report.arguments)
     renderer = Renderer(open_device())
     for folder in map(Path, names or [DATA / "streamed" / "playbot"]):
         finest = formats.read(folder).cloud
@@ -65,11 +71,8 @@ def main(report: Report) -> None:
             table.add_column(column)
         truth = {k: pictures(renderer, finest, where, k, "classic", k, size) for k in distances}
         for way in ways(folder, finest):
-            cells = []
-            for k in distances:
-                drawn = pictures(renderer, way.cloud, where, k, way.mode, way.scale, size)
-                least = min(map(psnr, drawn, truth[k]))
-                cells.append(f"{least:.1f}" if np.isfinite(least) else "–")
+            found = decibels(renderer, way, where, truth, size)
+            for k, least in found.items():
                 report.add(
                     scene=folder.name,
                     way=f"{way.label} {way.mode} {way.scale}",
@@ -78,7 +81,7 @@ def main(report: Report) -> None:
                     db=least,
                 )
             kind = f"{way.mode} {way.scale}x{way.scale}"
-            table.add_row(way.label, f"{len(way.cloud):,}", kind, *cells)
+            table.add_row(way.label, f"{len(way.cloud):,}", kind, *map(said, found.values()))
         report.show(table, 120)
 
 

@@ -14,8 +14,9 @@ from usdsplat.core.cloud import SplatCloud
 from usdsplat.core.edit import merge
 from usdsplat.core.extent import extent
 from usdsplat.core.node_table import NodeTable
+from usdsplat.schema.chunk_layers import state_digest
 from usdsplat.schema.hints import DrawingHints
-from usdsplat.schema.tree import Tree, author_tree, read_tree
+from usdsplat.schema.tree import Tree, author_digests, author_tree, read_tree
 
 Form = schema.Form
 
@@ -56,7 +57,14 @@ def little_table(splats: list[int] | None = None) -> NodeTable:
     )
 
 
-def little_tree(folder: Path, cloud: SplatCloud, *, form: Form = "packed", **options: Any) -> Path:
+def little_tree(
+    folder: Path,
+    cloud: SplatCloud,
+    *,
+    form: Form = "packed",
+    with_digests: bool = False,
+    **options: Any,
+) -> Path:
     """Write `tree.usda` with the tree /tree/splats of a cloud of at least 16 splats.
 
     The largest splat is the resident of the root; the others are split into four leaves along x.
@@ -65,6 +73,7 @@ def little_tree(folder: Path, cloud: SplatCloud, *, form: Form = "packed", **opt
         folder: An existing folder; the chunks are in `tree_chunks` in it.
         cloud: The splats.
         form: Storage form of the chunks.
+        with_digests: Whether the tree has the digests of its chunks.
         options: `drawing`, `pixel` and `color_space` of the tree.
     """
     largest = int(np.argmax(cloud.scales.max(axis=1)))
@@ -83,36 +92,50 @@ def little_tree(folder: Path, cloud: SplatCloud, *, form: Form = "packed", **opt
     low, high = np.float32([box[0] for box in boxes]), np.float32([box[1] for box in boxes])
     table = replace(table, low=low, high=high, residents=residents)
     contents = (merge([root, resident]), merge(branches), merge(leaves))
-    names = []
+    names, digests = [], []
     (folder / "tree_chunks").mkdir()
     for number, part in enumerate(contents):
         names.append(f"./tree_chunks/{number:04}.usdc")
-        write_chunk(folder / "tree_chunks" / f"{number:04}.usdc", part, form=form)
+        digests.append(write_chunk(folder / "tree_chunks" / f"{number:04}.usdc", part, form=form))
     path = folder / "tree.usda"
     stage = Usd.Stage.CreateNew(str(path))
     stage.SetMetadata("upAxis", "Y")
     stage.SetMetadata("metersPerUnit", 1.0)
     stage.SetDefaultPrim(stage.DefinePrim("/tree", "Xform"))
     hints = options.pop("drawing", DrawingHints())
-    author_tree(
+    prim = author_tree(
         stage, "/tree/splats", table, names, degree=cloud.sh_degree, drawing=hints, **options
     )
+    if with_digests:
+        author_digests(prim, digests)
     stage.Save()
     return path
 
 
-def write_chunk(path: Path, cloud: SplatCloud, *, form: Form = "packed") -> None:
-    """Write a layer whose default prim is a field."""
+def write_chunk(path: Path, cloud: SplatCloud, *, form: Form = "packed") -> str:
+    """Write a layer whose default prim is a field, and return its digest."""
     stage = Usd.Stage.CreateNew(str(path))
     schema.author(stage, "/chunk", cloud, form=form)
     stage.SetDefaultPrim(stage.GetPrimAtPath("/chunk"))
+    digest = state_digest(stage.GetRootLayer())
     stage.Save()
+    return digest
 
 
 def tree_of(path: Path) -> Tree:
     """The tree of a stage of `little_tree`."""
     stage = Usd.Stage.Open(str(path))
     return read_tree(stage.GetPrimAtPath("/tree/splats"))
+
+
+def authored(path: Path, prim: str, name: str, value: Any) -> None:
+    """Replace an attribute of a layer by one with the type of a value."""
+    layer = Sdf.Layer.FindOrOpen(str(path))
+    spec = layer.GetPrimAtPath(prim)
+    if name in spec.properties:
+        spec.RemoveProperty(spec.properties[name])
+    Sdf.AttributeSpec(spec, name, Sdf.GetValueTypeNameForValue(value)).default = value
+    layer.Save()
 
 
 def changed(path: Path, attribute: str, value: Any) -> None:

@@ -4,19 +4,21 @@
 
 installs them into the folder `installed` beside this file, which git ignores, or into the folder of
 the environment variable `USDSPLAT_PEERS`: gsply, usd-convert-gsplat and Open3D from PyPI; node 22,
-splat-transform and PlayCanvas from npm, if npm is available. Chromium and Mesa's Vulkan driver for
-CPUs come from the system; if they are missing, the names of their packages are printed. Peers that
-are missing are reported, and left out of the tables.
+splat-transform, PlayCanvas and Spark from npm, if npm is available. Chromium and Mesa's Vulkan
+driver for CPUs come from the system; if they are missing, the names of their packages are printed.
+Peers that are missing are reported, and left out of the tables.
 """
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import subprocess
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from benchmarks.peers.server import Server
 
@@ -32,6 +34,7 @@ NODE_PEERS = (
     "node@22",
     "@playcanvas/splat-transform@3.7.0",
     "playcanvas@2.23.3",
+    "@sparkjsdev/spark@2.2.0",
     "playwright-core@1.65.1",
 )
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
@@ -73,6 +76,40 @@ def splat_transform() -> SplatTransform | None:
         modules / "@playcanvas" / "splat-transform" / "bin" / "cli.mjs",
     )
     return found if found.node.exists() and found.script.exists() else None
+
+
+@dataclass(frozen=True, slots=True)
+class Spark:
+    """Spark's builder of trees of splats, run with node: that of its web worker, which has the same
+    methods as its command build-lod. That command is Rust and not in the package."""
+
+    node: Path
+    package: Path
+
+    def build(self, source: Path, how: str, folder: Path, counts: Sequence[int]) -> dict[str, Any]:
+        """Build the tree of a .ply, and write it and cuts of it; see `spark_lod.mjs`.
+
+        Args:
+            how: "quick" or "quality".
+            counts: Largest numbers of splats of the cuts.
+
+        Raises:
+            RuntimeError: If it fails, with its output.
+        """
+        command = [str(self.node), str(_HERE / "spark_lod.mjs"), str(self.package), str(source)]
+        command += [how, str(folder), *map(str, counts)]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        if done.returncode or not done.stdout:
+            raise RuntimeError(f"Spark: {(done.stderr or done.stdout).strip()[-300:]}")
+        report: dict[str, Any] = json.loads(done.stdout)
+        return report
+
+
+def spark() -> Spark | None:
+    """Return Spark, if it is installed."""
+    modules = node_modules()
+    found = Spark(modules / "node" / "bin" / "node", modules / "@sparkjsdev" / "spark")
+    return found if found.node.exists() and found.package.exists() else None
 
 
 def gsply() -> Server | None:
@@ -119,6 +156,7 @@ def missing() -> Sequence[str]:
     absent = [name for name in PYTHON_PEERS if python_of(name) is None]
     absent += [] if splat_transform() else ["splat-transform"]
     absent += [] if (node_modules() / "playcanvas").exists() else ["playcanvas"]
+    absent += [] if spark() else ["spark"]
     said = [f"{name}: not installed; python -m benchmarks.peers installs it" for name in absent]
     if browser() is None:
         said.append("playcanvas: no browser; Debian's package is chromium")

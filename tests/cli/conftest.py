@@ -18,6 +18,7 @@ from usdsplat.delegate.engine import Engine
 from usdsplat.render import memory
 from usdsplat.render.renderer import AOVS
 from usdsplat.render.settings import RenderSettings
+from usdsplat.sim.stage.authoring import author
 
 SCENE = RenderSettings(color_mode="scene")
 
@@ -48,6 +49,17 @@ def ball(count=300, seed=0):
         opacities=rng.uniform(0.3, 0.99, count).astype(np.float32),
         sh=rng.normal(0, 0.5, (count, 4, 3)).astype(np.float32),
     )
+
+
+def passing_sphere(stage, path):
+    """Define a sphere that pushes the splats of a simulation, through the origin at frame 2."""
+    sphere = UsdGeom.Sphere.Define(stage, path)
+    sphere.CreateRadiusAttr(0.2)
+    move = sphere.AddTranslateOp()
+    for frame in (1, 3):
+        move.Set((0.5 * (frame - 2), 0, 0), frame)
+    author(sphere.GetPrim(), {"affector:friction": 0.1})
+    return sphere
 
 
 @pytest.fixture

@@ -42,14 +42,14 @@ def run(progress, clock, seconds, label="reading", total=10):
 
 def test_short_work_is_not_mentioned(clock, capsys):
     """Oracle: the promise, nothing below about a second; 0.9 s pass here."""
-    with console.progress() as progress:
+    with progress_lines.listening() as progress:
         run(progress, clock, 0.09)
     assert capsys.readouterr() == ("", "")
 
 
 def test_long_work_is_plain_lines_a_step_each(clock, capsys):
     """Oracle: written out by hand: two seconds a step, so that the time left is known."""
-    with console.progress() as progress:
+    with progress_lines.listening() as progress:
         run(progress, clock, 2.0, total=4)
     out, err = capsys.readouterr()
     assert out == ""
@@ -63,7 +63,7 @@ def test_long_work_is_plain_lines_a_step_each(clock, capsys):
 
 def test_many_small_steps_make_few_lines(clock, capsys):
     """Oracle: 3 s of work at one line per second, and the end."""
-    with console.progress() as progress:
+    with progress_lines.listening() as progress:
         run(progress, clock, 0.01, total=300)
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) == 3
@@ -72,7 +72,7 @@ def test_many_small_steps_make_few_lines(clock, capsys):
 
 def test_each_label_is_timed_by_itself(clock, capsys):
     """Oracle: two pieces of work of 0.9 s each are both short."""
-    with console.progress() as progress:
+    with progress_lines.listening() as progress:
         run(progress, clock, 0.09, label="reading")
         run(progress, clock, 0.09, label="writing")
     assert capsys.readouterr().err == ""
@@ -80,7 +80,7 @@ def test_each_label_is_timed_by_itself(clock, capsys):
 
 def test_work_of_unknown_size_says_how_much_is_done(clock, capsys):
     """Oracle: written out by hand; there is no share and no time left."""
-    with console.progress() as progress:
+    with progress_lines.listening() as progress:
         progress.step("compiling", 0, 0)
         clock.now += 2
         progress.step("compiling", 0, 0)
@@ -94,7 +94,7 @@ def test_a_terminal_gets_a_bar_that_goes_away(clock, monkeypatch):
     terminal = Terminal()
     monkeypatch.setattr("sys.stderr", terminal)
     monkeypatch.setenv("TERM", "xterm")
-    with console.progress() as progress:
+    with progress_lines.listening() as progress:
         run(progress, clock, 2.0)
         run(progress, clock, 2.0, label="writing")
     text = terminal.getvalue()
@@ -107,7 +107,7 @@ def test_a_terminal_gets_no_bar_for_short_work(clock, monkeypatch):
     """Oracle: the promise, nothing below about a second."""
     terminal = Terminal()
     monkeypatch.setattr("sys.stderr", terminal)
-    with console.progress() as progress:
+    with progress_lines.listening() as progress:
         run(progress, clock, 0.05)
     assert terminal.getvalue() == ""
 

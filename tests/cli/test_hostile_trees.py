@@ -15,7 +15,7 @@ from tests.cli.test_hostile import check_refused
 from tests.cli.tree_mutations import mutated_tree
 from tests.formats.reading import MEMORY_LIMIT_MB, linux_only
 from tests.schema.clouds import cloud
-from tests.trees import changed, little_tree, write_chunk
+from tests.trees import authored, changed, little_tree, write_chunk
 
 FEW, MANY = 56, 200
 """Damaged trees."""
@@ -43,18 +43,15 @@ def whole(name: str, value: Any) -> Callable[[Path], None]:
     return lambda path: changed(path, f"splat:{name}", value)
 
 
+def with_digests(value: Any) -> Callable[[Path], None]:
+    """Return the addition of digests of the chunks."""
+    return lambda path: authored(path, "/tree/splats", "splat:chunkDigests", value)
+
+
 def chunk_array(name: str, value: Any) -> Callable[[Path], None]:
     """Return a change of an array of the leaves' chunk."""
-
-    def change(path: Path) -> None:
-        layer = Sdf.Layer.FindOrOpen(str(path.parent / "tree_chunks" / "0002.usdc"))
-        prim = layer.GetPrimAtPath("/chunk")
-        if name in prim.properties:
-            prim.RemoveProperty(prim.properties[name])
-        Sdf.AttributeSpec(prim, name, Sdf.GetValueTypeNameForValue(value)).default = value
-        layer.Save()
-
-    return change
+    chunk = Path("tree_chunks", "0002.usdc")
+    return lambda path: authored(path.parent / chunk, "/chunk", name, value)
 
 
 def chunk_bytes(edit: Callable[[bytes], bytes]) -> Callable[[Path], None]:
@@ -100,6 +97,9 @@ LIES: dict[str, Callable[[Path], None]] = {
     "chunk": column("nodeChunk", 3, 99),
     "empty": whole("nodeErrors", Vt.FloatArray()),
     "long": whole("nodeChunk", Vt.IntArray(100_000)),
+    "digests": with_digests(Vt.StringArray(["0", "1", "2"])),
+    "many digests": with_digests(Vt.StringArray(1_000_000)),
+    "digests of no text": with_digests(Vt.IntArray(3)),
     "bomb in the table": as_crate,
     "bomb of ids": chunk_array("ids", Vt.Int64Array(LONG)),
     "bomb of a range": chunk_array("splat:harmonicsRange", Vt.FloatArray(LONG)),

@@ -66,6 +66,7 @@ def test_a_grade_is_a_finding_and_strict_writes_nothing(run, run_json, shot, tmp
         (("-o", "{}/t.usda", "--leaf-splats", "1"), "--leaf-splats: found 1, expected 256 to"),
         (("-o", "{}/t.usda", "--sh-degree", "9"), "--sh-degree: found 9, expected 0 to 4"),
         (("-o", "{}/t.usda", "--pixel", "nan"), "--pixel: found nan, expected a size"),
+        (("-o", "{}/t.usda", "--pixel", "1e30"), "--pixel: found 1e+30, expected 0 to "),
         (("-o", "{}/t.usda", "--axes", "xyz"), "axes: found 'xyz', expected the directions"),
         (("-o", "{}/t.usda", "--up-axis", "X"), "--up-axis: found 'X', expected one of Y, Z"),
         (("-o", "{}/t.usda", "--frame", "3"), "--frame: found it with captures only, expected a"),

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from pxr import Sdf, Usd, UsdGeom
 
-from tests.cli.conftest import ball
+from tests.cli.conftest import ball, passing_sphere
 from usdsplat import schema
 from usdsplat.core.errors import OutputError
 from usdsplat.core.lock import output_lock
@@ -35,12 +35,7 @@ def sim(tmp_path):
     stage.SetDefaultPrim(UsdGeom.Xform.Define(stage, "/World").GetPrim())
     schema.author(stage, "/World/Field", ball(60))
     author(stage.DefinePrim("/World/Sim", "SplatSim"), {"bake:checkpointEvery": 2})
-    sphere = UsdGeom.Sphere.Define(stage, "/World/Sphere")
-    sphere.CreateRadiusAttr(0.2)
-    move = sphere.AddTranslateOp()
-    for frame in (1, 3):
-        move.Set((0.5 * (frame - 2), 0, 0), frame)
-    author(sphere.GetPrim(), {"affector:friction": 0.1})
+    passing_sphere(stage, "/World/Sphere")
     stage.GetRootLayer().Save()
     return path
 

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from pxr import Sdf, Usd, UsdGeom
 
-from tests.cli.conftest import ball
+from tests.cli.conftest import ball, passing_sphere
 from tests.trees import little_tree
 from usdsplat import schema
 from usdsplat.core.cloud import SplatCloud
 from usdsplat.delegate.engine import Engine
-from usdsplat.interchange.tree_reading import TreeChoice, TreeReading
+from usdsplat.interchange.tree_reading import TreeChoice, tree_reading
 from usdsplat.render.settings import RenderSettings
 from usdsplat.schema.lod_root_authoring import author_lod_root
 from usdsplat.sim.stage.authoring import author
@@ -26,12 +26,7 @@ FRAMES = ("--frames", "1:3")
 def with_simulation(stage: Usd.Stage, **parameters: str) -> None:
     """Add a SplatSim prim, and a ball that passes, and save."""
     author(stage.DefinePrim("/tree/Sim", "SplatSim"), {"bake:checkpointEvery": 2} | parameters)
-    sphere = UsdGeom.Sphere.Define(stage, "/tree/Sphere")
-    sphere.CreateRadiusAttr(0.2)
-    move = sphere.AddTranslateOp()
-    for frame in (1, 3):
-        move.Set((0.5 * (frame - 2), 0, 0), frame)
-    author(sphere.GetPrim(), {"affector:friction": 0.1})
+    sphere = passing_sphere(stage, "/tree/Sphere")
     UsdGeom.Imageable(sphere).MakeInvisible()
     UsdGeom.Camera.Define(stage, "/Camera").AddTranslateOp().Set((0, 0, 4))
     stage.Save()
@@ -48,7 +43,7 @@ def tree(tmp_path: Path) -> Path:
 def cut_as_field(tree: Path, choice: TreeChoice) -> Path:
     """The same stage with a cut as a field in place of the tree, as an export reads it."""
     source = Usd.Stage.Open(str(tree))
-    reading = TreeReading.of(source.GetPrimAtPath(TREE), choice)
+    reading = tree_reading(source.GetPrimAtPath(TREE), choice)
     path = tree.with_name("field.usda")
     stage = Usd.Stage.CreateNew(str(path))
     UsdGeom.SetStageUpAxis(stage, "Y")

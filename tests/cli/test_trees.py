@@ -43,6 +43,11 @@ def test_info_says_what_a_view_loads(tree: Path, capsys: pytest.CaptureFixture) 
     assert main(["info", str(tree), "--camera", "At"]) == 0
     lines = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
     assert {"camera /tree/At", "resolution 1920 1080", "lod error 1"} < set(lines)
+    assert main(["info", str(tree), "--camera", "At", "--resolution", "64x48", "--json"]) == 0
+    few = json.loads(capsys.readouterr().out)["views"][0]
+    assert few["resolution"] == [64, 48] and few["splats"] < 200  # larger pixels, the same error
+    assert main(["info", str(tree), "--camera", "At", "--resolution", "64"]) == 2
+    assert "--resolution: found '64', expected two numbers of pixels" in capsys.readouterr().err
     assert main(["info", str(tree), "--camera", "No"]) == 2
     said = "--camera: found 'No', expected one of /tree/At, /tree/Away"
     assert said in capsys.readouterr().err
@@ -50,7 +55,7 @@ def test_info_says_what_a_view_loads(tree: Path, capsys: pytest.CaptureFixture) 
 
 def test_a_capture_has_no_view(capture: Path, capsys: pytest.CaptureFixture) -> None:
     """Oracle: the flags that have no effect."""
-    for flag, value in (("--camera", "At"), ("--lod-error", "2")):
+    for flag, value in (("--camera", "At"), ("--lod-error", "2"), ("--resolution", "64x48")):
         assert main(["info", str(capture), flag, value]) == 2
         assert f"{flag}: found a capture, {capture}, expected a stage" in capsys.readouterr().err
 
@@ -193,6 +198,41 @@ def test_convert_writes_the_cut_of_a_camera(
     assert main(["convert", str(tree), str(tmp_path / "out.ply"), "--json", *flags]) == 0
     told = json.loads(capsys.readouterr().out)
     assert told["splats"] == splats == len(formats.read(tmp_path / "out.ply").cloud)
+
+
+def test_convert_writes_the_cut_of_each_frame(
+    tree: Path, tmp_path: Path, capsys: pytest.CaptureFixture
+) -> None:
+    """Oracle: the file that is written for each frame alone, and the counts of the levels: the
+    camera moves away from a tree with 200 leaves and a root of 14 splats."""
+    stage = Usd.Stage.Open(str(tree))
+    place = UsdGeom.Camera.Define(stage, "/tree/Cam").AddTranslateOp()
+    for frame, z in ((1, 10), (2, 200), (3, 9000)):
+        place.Set((0, 0, z), frame)
+    stage.Save()
+    flags = ["--camera", "Cam", "--resolution", "640x480", "--splat-budget", "150", "-v"]
+    words = [
+        "convert",
+        str(tree),
+        str(tmp_path / "a.####.ply"),
+        "--frames",
+        "1-3",
+        "--json",
+        *flags,
+    ]
+    assert main(words) == 0
+    printed = capsys.readouterr()
+    told = json.loads(printed.out)
+    assert (told["frames"], len(set(told["counts"]))) == ([1, 2, 3], 3)
+    assert told["counts"][0] <= 150 and told["counts"][2] == 14 and told["findings"] == []
+    for frame in (1, 2, 3):
+        alone = tmp_path / "alone.ply"
+        assert main(["convert", str(tree), str(alone), "--frame", str(frame), *flags]) == 0
+        assert (tmp_path / f"a.{frame:04}.ply").read_bytes() == alone.read_bytes()
+    assert main([*words[:-2], "9", "--strict"]) == 1
+    assert capsys.readouterr().err.count("[small-budget]") == 1
+    assert main(["convert", str(tree), str(tmp_path / "b.####.ply"), *flags]) == 2
+    assert "found no frames, expected a stage with a range" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

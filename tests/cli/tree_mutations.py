@@ -13,7 +13,7 @@ import numpy as np
 from pxr import Sdf, Tf, Vt
 
 from tests.cli.conftest import ball
-from tests.trees import little_tree
+from tests.trees import authored, little_tree
 
 Mutation = Callable[[random.Random, Path], None]
 
@@ -52,16 +52,6 @@ def mutated_tree(seed: int, folder: Path) -> Path:
     return path
 
 
-def author(path: Path, prim: str, name: str, value: Any) -> None:
-    """Replace an attribute by one with the type of a value."""
-    layer = Sdf.Layer.FindOrOpen(str(path))
-    spec = layer.GetPrimAtPath(prim)
-    if name in spec.properties:
-        spec.RemoveProperty(spec.properties[name])
-    Sdf.AttributeSpec(spec, name, Sdf.GetValueTypeNameForValue(value)).default = value
-    layer.Save()
-
-
 # --- mutations -----------------------------------------------------------------------------------
 
 
@@ -81,7 +71,7 @@ def change_numbers(rng: random.Random, path: Path) -> None:
         if len(numbers):
             with np.errstate(all="ignore"):
                 numbers[row] = np.asarray(rng.choice(choices)).astype(numbers.dtype)
-    author(path, "/tree/splats", f"splat:{name}", type(before).FromNumpy(numbers))
+    authored(path, "/tree/splats", f"splat:{name}", type(before).FromNumpy(numbers))
 
 
 def exchange_numbers(rng: random.Random, path: Path) -> None:
@@ -92,7 +82,7 @@ def exchange_numbers(rng: random.Random, path: Path) -> None:
     if len(numbers) > 1:
         a, b = rng.sample(range(len(numbers)), 2)
         numbers[[a, b]] = numbers[[b, a]]
-    author(path, "/tree/splats", f"splat:{name}", type(before).FromNumpy(numbers))
+    authored(path, "/tree/splats", f"splat:{name}", type(before).FromNumpy(numbers))
 
 
 def change_length(rng: random.Random, path: Path) -> None:
@@ -103,19 +93,19 @@ def change_length(rng: random.Random, path: Path) -> None:
         before = _column(path, name)
         numbers = np.array(before)
         resized = np.resize(numbers, (length, *numbers.shape[1:]))
-        author(path, "/tree/splats", f"splat:{name}", type(before).FromNumpy(resized))
+        authored(path, "/tree/splats", f"splat:{name}", type(before).FromNumpy(resized))
 
 
 def change_type(rng: random.Random, path: Path) -> None:
     """Replace a column by one of another type, or block it."""
     name = f"splat:{rng.choice(COLUMNS)}"
     values = (Vt.IntArray(7), Vt.FloatArray(7), Vt.Int64Array(7), Vt.StringArray(7), 1.0, "a")
-    author(path, "/tree/splats", name, rng.choice((*values, Vt.Vec3dArray(7), Vt.BoolArray(7))))
+    authored(path, "/tree/splats", name, rng.choice((*values, Vt.Vec3dArray(7), Vt.BoolArray(7))))
 
 
 def change_other(rng: random.Random, path: Path) -> None:
     """Replace another attribute of the tree."""
-    author(path, "/tree/splats", *rng.choice(OTHERS))
+    authored(path, "/tree/splats", *rng.choice(OTHERS))
 
 
 def change_paths(rng: random.Random, path: Path) -> None:
@@ -130,7 +120,7 @@ def change_paths(rng: random.Random, path: Path) -> None:
     elif paths:
         paths[rng.randrange(len(paths))] = rng.choice(PATHS)
     value = Sdf.AssetPathArray([Sdf.AssetPath(each) for each in paths])
-    author(path, "/tree/splats", "splat:chunks", value)
+    authored(path, "/tree/splats", "splat:chunks", value)
 
 
 def _chunk(rng: random.Random, path: Path) -> Path:
@@ -175,7 +165,7 @@ def change_array(rng: random.Random, path: Path) -> None:
         if numbers.size and numbers.dtype == np.float32:
             numbers[rng.randrange(len(numbers))] = rng.choice(REAL)
         value = type(before.default).FromNumpy(np.resize(numbers, numbers.shape))
-    author(chunk, "/chunk", name, value)
+    authored(chunk, "/chunk", name, value)
 
 
 def change_prim(rng: random.Random, path: Path) -> None:
@@ -193,9 +183,9 @@ def change_prim(rng: random.Random, path: Path) -> None:
         prim.typeName = "ParticleField3DGaussianSplat"
     elif which == 3:
         name, value = "radiance:sphericalHarmonicsDegree", rng.choice((-1, 0, 2, 4, 9))
-        author(chunk, "/chunk", name, value)
+        authored(chunk, "/chunk", name, value)
     else:
-        author(chunk, "/chunk", "splat:packing", rng.choice(("", "other")))
+        authored(chunk, "/chunk", "splat:packing", rng.choice(("", "other")))
     layer.Save()
 
 
@@ -224,7 +214,7 @@ def fill_memory(rng: random.Random, path: Path) -> None:
     if _opened(chunk) is not None:
         name = rng.choice(("ids", "splat:harmonicsRange", "opacities", "widths", "splat:unknown"))
         kind = rng.choice((Vt.Int64Array, Vt.FloatArray, Vt.IntArray))
-        author(chunk, "/chunk", name, kind(40_000_000))
+        authored(chunk, "/chunk", name, kind(40_000_000))
 
 
 MUTATIONS: tuple[Mutation, ...] = (

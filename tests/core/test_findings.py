@@ -13,7 +13,14 @@ from usdsplat.core.errors import (
     StrictError,
     UnknownFormatError,
 )
+from usdsplat.core.finding_codes import fields, products, stages
 from usdsplat.core.findings import CODES, Findings, finding, from_error
+
+
+def test_no_code_has_two_meanings() -> None:
+    """Oracle: the tables, of which a later one would replace what an earlier one says."""
+    tables = [stages.CODES, products.CODES, fields.CODES]
+    assert len(CODES) == sum(map(len, tables))
 
 
 def test_a_place_is_split_into_path_and_attribute() -> None:

@@ -50,12 +50,12 @@ def test_a_valid_table_passes() -> None:
     check_nodes(chain(1), "/Tree", chunks=1)
 
 
-def test_parents_and_depths_of_a_tree_drawn_by_hand() -> None:
+def test_parents_and_levels_of_a_tree_drawn_by_hand() -> None:
     """Oracle: the drawing: a root, two branches, two leaves each."""
     assert little_table().parents().tolist() == [-1, 0, 0, 1, 1, 2, 2]
-    assert little_table().depths().tolist() == [0, 1, 1, 2, 2, 2, 2]
+    assert little_table().levels() == [(0, 1), (1, 3), (3, 7)]
     assert chain(5).parents().tolist() == [-1, 0, 1, 2, 3]
-    assert chain(5).depths().tolist() == [0, 1, 2, 3, 4]
+    assert chain(3).levels() == [(0, 1), (1, 2), (2, 3)]
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import gc
 import os
+import weakref
 from dataclasses import replace
 
 import numpy as np
@@ -16,7 +18,7 @@ from usdsplat.core.errors import UsdSplatError
 from usdsplat.delegate.engine import Engine
 from usdsplat.delegate.scene_delegate import trees
 from usdsplat.render.settings import RenderSettings
-from usdsplat.schema import chunks
+from usdsplat.schema.chunks import ChunkReader
 
 LEAVES = RenderSettings(lod_error=0.0)
 ROOT = RenderSettings(lod_error=1000.0, lod_samples=1)
@@ -26,17 +28,17 @@ TREE = "/World/Tree"
 @pytest.fixture
 def reads(monkeypatch):
     """What is read: the paths of prims of which the table is, and the names of chunks."""
-    found, chunk, table = [], chunks.read_chunk, trees.read_tree
+    found, read, table = [], ChunkReader.read, trees.read_tree
 
-    def read_chunk(path, first, count):
-        found.append(os.path.basename(path))
-        return chunk(path, first, count)
+    def read_chunk(self, chunk, first, count):
+        found.append(os.path.basename(self.chunks[chunk]))
+        return read(self, chunk, first, count)
 
     def read_tree(prim):
         found.append(str(prim.GetPath()))
         return table(prim)
 
-    monkeypatch.setattr(chunks, "read_chunk", read_chunk)
+    monkeypatch.setattr(ChunkReader, "read", read_chunk)
     monkeypatch.setattr(trees, "read_tree", read_tree)
     return found
 
@@ -101,6 +103,30 @@ def test_live_proxies_beyond_the_box_of_their_node_are_seen(shown):
     assert engine.picture(far, ROOT)["color"].max() > 0.1
     low, high = engine.render_scene.bounds()
     assert (low <= positions.min(axis=0)).all() and (positions.max(axis=0) <= high).all()
+
+
+def test_live_splats_that_were_replaced_take_no_memory(shown):
+    """Oracle: the bytes of the splats of the leaves, after each picture; and weak references."""
+    engine, view, tree, _ = shown
+    leaf = int(np.flatnonzero(tree.table.child_count == 0)[2])
+    engine.picture(view, LEAVES)
+    cache = engine.render_scene.node_cache
+    of_file = cache.bytes
+    before = []
+    for seed in range(4):
+        live = random_cloud(seed, len(tree.clouds[leaf]))
+        engine.update_chunk(TREE, leaf, live)
+        engine.picture(view, LEAVES)
+        size = sum(each.nbytes for each in (live.positions, live.scales, live.rotations))
+        size += live.opacities.nbytes + live.sh.nbytes
+        assert cache.bytes == of_file + size  # the splats of the file may be drawn again
+        before.append(weakref.ref(live.positions))
+        del live
+    gc.collect()
+    assert [each() is None for each in before] == [True, True, True, False]
+    engine.update_chunk(TREE, leaf, None)
+    engine.picture(view, LEAVES)
+    assert cache.bytes == of_file
 
 
 def test_a_cloud_that_does_not_fit_is_refused(shown):

@@ -18,7 +18,7 @@ from usdsplat.delegate.scene_delegate import trees
 from usdsplat.render.lod import nodes
 from usdsplat.render.settings import RenderSettings
 from usdsplat.render.specs import CropSpec
-from usdsplat.schema import chunks
+from usdsplat.schema.chunks import ChunkReader
 
 LEAVES = RenderSettings(lod_error=0.0)
 AOVS = ("color", "depth", "primId", "instanceId", "elementId", "cryptoObject")
@@ -27,13 +27,13 @@ AOVS = ("color", "depth", "primId", "instanceId", "elementId", "cryptoObject")
 @pytest.fixture
 def reads(monkeypatch):
     """The rows that are read from chunks: (file name, first, count)."""
-    found, read = [], chunks.read_chunk
+    found, read = [], ChunkReader.read
 
-    def recorded(path, first, count):
-        found.append((os.path.basename(path), first, count))
-        return read(path, first, count)
+    def recorded(self, chunk, first, count):
+        found.append((os.path.basename(self.chunks[chunk]), first, count))
+        return read(self, chunk, first, count)
 
-    monkeypatch.setattr(chunks, "read_chunk", recorded)
+    monkeypatch.setattr(ChunkReader, "read", recorded)
     monkeypatch.setattr(trees, "POLL", 0.0)
     return found
 
@@ -226,7 +226,7 @@ def test_a_chunk_of_a_tree_that_was_built_anew_is_not_drawn(tmp_path, reads):
         write_chunk(path, random_cloud(1, len(tree.clouds[leaf]) + 1))
         found = engine.picture(view, LEAVES)["color"].copy()
         (finding,) = [each for each in engine.findings if each.code == "broken-chunk"]
-    assert "as in the tree; reload the stage" in finding.message
+    assert "expected 50 as before; reload the stage" in finding.message
     path.write_bytes(b"no crate")
     np.testing.assert_array_equal(found, pictured(stage)["color"])
 

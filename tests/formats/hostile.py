@@ -7,6 +7,7 @@ import json
 import struct
 import zipfile
 import zlib
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -22,13 +23,14 @@ from tests.formats.samples import (
     with_meta,
     zipped,
 )
+from usdsplat.formats.sog.lod_meta import LOD_META_LIMIT
 
 GIGABYTE = 1 << 30
 _ZEROS = bytes(1 << 24)
 
 
 def bombs(folder: Path) -> list[Path]:
-    """Write every bomb into `folder`, about 50 MB in all, and return their paths.
+    """Write every bomb into `folder`, about 130 MB in all, and return their paths.
 
     Each ends in the suffix of the format that it pretends to be, or is a folder of files.
     """
@@ -59,6 +61,11 @@ def bombs(folder: Path) -> list[Path]:
         "lod_climbs": _lod(filenames=["../../0_0/meta.json"]),
         "lod_claims": _lod(tree={"lods": {"0": {"file": 0, "offset": 0, "count": 1 << 32}}}),
         "lod_deep": {**lod_files(), "lod-meta.json": b'{"tree":' * 100_000},
+        "lod_nested": {**lod_files(), "lod-meta.json": b'{"tree":' + b'{"children":[' * 100_000},
+        "lod_leaves": _long_lod(json.dumps(_leaf(number)) for number in range(80_000)),
+        "lod_nodes": _long_lod(["{}"] * 400_000),
+        "lod_keys": _long_lod((f'"{number}":0' for number in range(600_000)), "{", "}"),
+        "lod_wide": _long_lod(['{"\U0001f600":1}'] * 3_000_000),
         "odd.splat": bytes(33),
         "sections.ksplat": _ksplat(rooms=(1 << 32) - 1),
         "splats.ksplat": _ksplat(splats=(1 << 32) - 1),
@@ -145,6 +152,23 @@ def _lod(**changes: Any) -> dict[str, bytes]:
     files = lod_files()
     meta = json.loads(files["lod-meta.json"]) | changes
     return {**files, "lod-meta.json": json.dumps(meta).encode()}
+
+
+def _leaf(number: int) -> dict[str, Any]:
+    """A leaf with a splat in each of seven levels."""
+    lods = {str(k): {"file": k, "offset": number, "count": 1} for k in range(7)}
+    return {"lods": lods, "bound": {"min": [-1.25, -1.5, -1.75], "max": [1.25, 1.5, 1.75]}}
+
+
+def _long_lod(
+    items: Iterable[str], before: str = '{"children":[', after: str = "]}"
+) -> dict[str, bytes]:
+    """A streamed SOG with items in one node, and without its files."""
+    names = json.dumps([f"{level}.sog" for level in range(7)])
+    text = f'{{"version":1,"lodLevels":7,"filenames":{names},"tree":{before}{",".join(items)}'
+    made = f"{text}{after}}}".encode()
+    assert len(made) <= LOD_META_LIMIT  # or it is not parsed
+    return {"lod-meta.json": made}
 
 
 def _ksplat(*, rooms: int = 1, splats: int = 1) -> bytes:

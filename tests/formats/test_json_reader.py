@@ -8,7 +8,8 @@ import random
 import pytest
 
 from usdsplat.core.errors import FormatError
-from usdsplat.formats.json_reader import JsonReader
+from usdsplat.formats import json_reader
+from usdsplat.formats.json_reader import TOO_LONG, JsonReader
 
 
 def walked(reader):
@@ -60,6 +61,28 @@ def test_long_and_deep_values_are_refused():
     for wrong, longest in ((text + b" ", 1001), (b"[" * 60_000, 60_000)):
         with pytest.raises(FormatError, match="text that is not JSON"):
             JsonReader("x", wrong).value(longest)
+
+
+def test_long_values_are_left_to_the_caller():
+    """Oracle: what follows is still there, piece by piece."""
+    text = json.dumps({"a": ["x" * 600, 2]}).encode()
+    reader = JsonReader("x", text)
+    assert reader.value_if_short(600) is TOO_LONG
+    assert walked(reader) == json.loads(text)
+    assert JsonReader("x", text).value_if_short() == json.loads(text)
+
+
+def test_the_number_of_values_has_a_limit(monkeypatch):
+    """Oracle: by hand: a key, a list of three numbers, and one more key, or one too few."""
+    text = b'{"a": [1, 2, 3], "b\\n": {}}'
+    for most, said in ((5, None), (4, "x: found more than 4 values, expected fewer")):
+        monkeypatch.setattr(json_reader, "MOST", most)
+        reader = JsonReader("x", text)
+        if said is None:
+            assert walked(reader) == {"a": [1, 2, 3], "b\n": {}}
+            continue
+        with pytest.raises(FormatError, match=said):
+            walked(reader)
 
 
 def test_more_text_is_refused():

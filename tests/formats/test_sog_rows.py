@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -12,7 +13,7 @@ from tests.formats.samples import random_cloud
 from usdsplat import formats
 from usdsplat.core.errors import FormatError
 from usdsplat.formats.sog import rows as sog_rows
-from usdsplat.formats.sog.rows import SogRows, count_and_degree
+from usdsplat.formats.sog.rows import SogRows, count_and_degree, stamp
 
 FIELDS = ("positions", "scales", "rotations", "opacities", "sh")
 
@@ -51,6 +52,19 @@ def test_a_file_is_unpacked_once_until_it_changes(tmp_path, monkeypatch):
     found = reader.read(path, 0, 50, 1)
     assert len(calls) == 2
     np.testing.assert_array_equal(found.positions, formats.read(path).cloud.positions)
+
+
+def test_an_image_of_a_folder_that_changes_is_read_again(tmp_path):
+    """Oracle: the folder read whole; `meta.json` stays as it is."""
+    path, other = written(tmp_path, "a/meta.json"), written(tmp_path, "b/meta.json", seed=5)
+    reader, before = SogRows(), stamp(path)
+    reader.read(path, 0, 50, 1)
+    assert stamp(path) == before
+    shutil.copy(os.path.join(os.path.dirname(other), "quats.webp"), os.path.dirname(path))
+    assert stamp(path) != before
+    found = reader.read(path, 0, 50, 1)
+    np.testing.assert_array_equal(found.rotations, formats.read(path).cloud.rotations)
+    np.testing.assert_array_equal(found.rotations, formats.read(other).cloud.rotations)
 
 
 def test_codes_in_memory_have_a_limit(tmp_path, monkeypatch):

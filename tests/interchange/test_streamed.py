@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import subprocess
 import sys
 import time
@@ -16,16 +17,17 @@ from tests.formats.hostile import bombs
 from tests.formats.samples import random_cloud
 from usdsplat import formats, schema
 from usdsplat.core.edit import merge, take, with_sh_degree
-from usdsplat.core.errors import FormatError, StageError, UsdSplatError
+from usdsplat.core.errors import FormatError, UsdSplatError
 from usdsplat.core.extent import extent
 from usdsplat.core.node_cuts import level_cut
 from usdsplat.core.node_table import NESTED
 from usdsplat.delegate.engine import Engine
+from usdsplat.delegate.scene_delegate import trees
 from usdsplat.interchange.lod.levels import typical_size
 from usdsplat.interchange.opening import open_capture
 from usdsplat.interchange.streamed import StreamedSog
 from usdsplat.interchange.streamed_table import ERROR
-from usdsplat.interchange.tree_reading import TreeChoice, TreeReading
+from usdsplat.interchange.tree_reading import TreeChoice, tree_reading
 from usdsplat.render.settings import RenderSettings
 from usdsplat.schema.validation.trees import check_tree
 
@@ -96,10 +98,10 @@ def test_levels_are_cuts_of_the_tree(tmp_path):
     path = scene(tmp_path)
     stage, prim = tree_of(path)
     fine, coarse = tmp_path / "fine.sog", tmp_path / "coarse.sog"
-    assert_same(TreeReading.of(prim).cloud(), rows(fine, 0, 40))
-    found = TreeReading.of(prim, TreeChoice(level=9)).cloud()
+    assert_same(tree_reading(prim).cloud(), rows(fine, 0, 40))
+    found = tree_reading(prim, TreeChoice(level=9)).cloud()
     assert_same(found, merge([rows(fine, 30, 10), rows(coarse, 0, 12)]))
-    middle = TreeReading.of(prim, TreeChoice(level=1)).cloud()
+    middle = tree_reading(prim, TreeChoice(level=1)).cloud()
     parts = [rows(fine, 30, 10), rows(coarse, 0, 8), rows(coarse, 12, 12)]
     assert_same(middle, merge(parts))
     assert check_tree(prim) == []
@@ -111,10 +113,10 @@ def test_the_environment_is_in_every_cut(tmp_path):
     stage, prim = tree_of(scene(tmp_path, far=True))
     far = rows(tmp_path / "far.sog", 0, 9)
     for level in (0, 9):
-        found = TreeReading.of(prim, TreeChoice(level=level)).cloud()
+        found = tree_reading(prim, TreeChoice(level=level)).cloud()
         present = (found.positions[:, None] == far.positions).all(axis=2)
         assert present.any(axis=0).all()
-    assert len(TreeReading.of(prim)) == 49
+    assert len(tree_reading(prim)) == 49
     assert stage.GetPrimAtPath(prim.GetPath())
 
 
@@ -124,8 +126,8 @@ def test_a_real_capture_has_the_levels_of_its_files(data):
     stage, prim = tree_of(path)
     for level in (4, 5, 6):
         expected = formats.read(path, how=formats.ReadOptions(lod=level)).cloud
-        assert_same(TreeReading.of(prim, TreeChoice(level=level)).cloud(), expected)
-    table = TreeReading.of(prim).tree.table
+        assert_same(tree_reading(prim, TreeChoice(level=level)).cloud(), expected)
+    table = tree_reading(prim).tree.table
     assert level_cut(table, 0).splats(table) == 500_000
     assert stage.GetRootLayer().anonymous
 
@@ -168,13 +170,34 @@ def test_a_picture_of_the_leaves_is_that_of_the_finest_level(tmp_path):
     np.testing.assert_array_equal(*pictures)
 
 
+def test_an_image_of_a_chunk_that_changes_is_noticed(tmp_path, monkeypatch):
+    """Oracle: the picture of a new engine; `meta.json` of the folder stays as it is."""
+    monkeypatch.setattr(trees, "POLL", 0.0)
+    names = ["fine/meta.json", "coarse.sog"]
+    path = scene(tmp_path, filenames=names)
+    for number, name in enumerate(("fine", "other"), 1):
+        (tmp_path / name).mkdir()
+        formats.write(random_cloud(40, 2, seed=number), tmp_path / name / "meta.json")
+    stage, _ = tree_of(path)
+    add_camera(stage)
+    settings = RenderSettings(lod_error=0.0)
+    with Engine(stage, device="cpu") as engine:
+        view = engine.view("/Camera", resolution=(64, 48))
+        before = engine.picture(view, settings)["color"].copy()
+        shutil.copy(tmp_path / "other" / "sh0.webp", tmp_path / "fine" / "sh0.webp")
+        after = engine.picture(view, settings)["color"].copy()
+    assert (after != before).any()
+    with Engine(stage, device="cpu") as engine:
+        np.testing.assert_array_equal(engine.picture(view, settings)["color"], after)
+
+
 def test_a_stage_can_refer_to_the_files(tmp_path):
     """Oracle: the splats of the file, read through a layer that was saved and opened again."""
     path = scene(tmp_path)
     stage, prim = tree_of(path)
     stage.GetRootLayer().Export(str(tmp_path / "saved.usda"))
     again = Usd.Stage.Open(str(tmp_path / "saved.usda"))
-    reading = TreeReading.of(again.GetPrimAtPath(prim.GetPath()))
+    reading = tree_reading(again.GetPrimAtPath(prim.GetPath()))
     assert_same(reading.cloud(), formats.read(path).cloud)
 
 
@@ -206,10 +229,13 @@ def test_trees_that_lie_are_refused(tmp_path, changes, message):
 
 
 def test_levels_that_share_splats_are_refused(tmp_path):
-    """Oracle: a chunk's rows have one owner."""
+    """Oracle: a chunk's rows have one owner, in one leaf or in two."""
     lods = {str(k): {"file": 0, "offset": 0, "count": 4} for k in (0, 1)}
-    with pytest.raises(StageError, match="that another node has"):
+    with pytest.raises(FormatError, match=r"tree: found splat 0 of fine\.sog twice"):
         open_capture(scene(tmp_path, tree={"lods": lods}, counts=[4, 4, 0]))
+    leaves = [{"lods": {str(k): {"file": 0, "offset": 3 - k, "count": 4}}} for k in (0, 1)]
+    with pytest.raises(FormatError, match=r"tree: found splat 3 of fine\.sog twice"):
+        open_capture(scene(tmp_path, tree={"children": leaves}, counts=[4, 4, 0]))
 
 
 def test_a_deep_tree_is_refused(tmp_path):
@@ -217,8 +243,15 @@ def test_a_deep_tree_is_refused(tmp_path):
     node = {"lods": {"0": {"file": 0, "offset": 0, "count": 4}}}
     for _ in range(64):
         node = {"children": [node]}
-    with pytest.raises(FormatError, match="65 levels, expected at most 64"):
+    with pytest.raises(FormatError, match="found more than 64 levels of nodes"):
         open_capture(scene(tmp_path, tree=node, counts=[4, 0, 0]))
+    deepest = node["children"][0]  # its levels of detail are one more level of nodes
+    chain = deepest
+    while "lods" not in chain:
+        (chain,) = chain["children"]
+    chain["lods"]["1"] = {"file": 1, "offset": 0, "count": 4}
+    with pytest.raises(FormatError, match="65 levels, expected at most 64"):
+        open_capture(scene(tmp_path, tree=deepest, counts=[4, 4, 0]))
 
 
 def test_bombs_are_refused_at_once(tmp_path):

@@ -18,9 +18,10 @@ from usdsplat.core.errors import OutputError, StageError, UsageError
 from usdsplat.interchange import convert, export_capture
 from usdsplat.interchange.exporting import export_stage
 from usdsplat.interchange.options import ExportOptions, StageReading
-from usdsplat.interchange.tree_reading import TreeChoice, TreeReading
+from usdsplat.interchange.tree_reading import TreeChoice, tree_reading
 from usdsplat.schema.hints import DrawingHints
 from usdsplat.schema.lod_root_authoring import author_lod_root
+from usdsplat.schema.tree_cuts import TreeReading
 
 ARRAYS = ("positions", "scales", "rotations", "opacities", "sh")
 
@@ -35,7 +36,7 @@ def reading_of(path: Path, **choice: int) -> tuple[TreeReading, Usd.Stage]:
     """A reading of a little tree, and the stage, which must be held."""
     stage = Usd.Stage.Open(str(path))
     prim = stage.GetPrimAtPath("/tree/splats")
-    return TreeReading.of(prim, TreeChoice(**choice)), stage
+    return tree_reading(prim, TreeChoice(**choice)), stage
 
 
 def by_place(splats: SplatCloud) -> SplatCloud:

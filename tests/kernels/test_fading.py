@@ -47,7 +47,7 @@ def test_a_weight_fades_the_opacity_and_nothing_else(device):
     """Oracle: the record without a weight, and `faded` of its opacity; a weight of 1 is bit for
     bit without one."""
     rng = np.random.default_rng(4)
-    positions = rng.normal(size=(50, 3)) + (0, 0, 9)
+    positions = rng.normal(size=(50, 3)) + np.array([0, 0, 9])
     splats = {"scales": rng.uniform(0.01, 0.2, (50, 3)), "opacities": rng.uniform(0.3, 1.0, 50)}
     plain = project_rows(device, positions, **splats, trained=0.0)[0]
     whole = project_rows(device, positions, **splats, trained=0.0, weights=[1.0])[0]

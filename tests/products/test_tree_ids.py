@@ -62,5 +62,6 @@ def test_a_picture_with_ids_says_that_they_repeat(tmp_path: Path, count: int) ->
         assert found == []
         return
     (one,) = found
-    assert (one.code, one.path) == ("repeated-ids", "/tree/splats")
+    assert (one.code, one.path) == ("repeated-element-ids", "/tree/splats")
+    assert one.severity == "warning"  # the picture is right, but for its ids
     assert one.found == f"{count} splats" and one.expected.startswith("at most 2147483648")

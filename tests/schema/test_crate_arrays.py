@@ -11,23 +11,13 @@ import pytest
 from pxr import Sdf, UsdUtils, Vt
 
 from tests.schema.clouds import cloud
-from tests.trees import little_tree, tree_of, write_chunk
+from tests.trees import authored, little_tree, tree_of, write_chunk
 from usdsplat.core.errors import StageError
 from usdsplat.schema.chunks import chunk_shape, read_chunk
 from usdsplat.schema.crate_arrays import RATIO, TRUSTED, check_arrays
 from usdsplat.schema.usd_files import MOST_TEXT
 
 LONG = 20_000_000
-
-
-def with_array(path: Path, prim: str, name: str, value: object) -> None:
-    """Author an array in a crate file."""
-    layer = Sdf.Layer.FindOrOpen(str(path))
-    spec = layer.GetPrimAtPath(prim)
-    if name in spec.properties:
-        spec.RemoveProperty(spec.properties[name])
-    Sdf.AttributeSpec(spec, name, Sdf.GetValueTypeNameForValue(value)).default = value
-    layer.Save()
 
 
 @pytest.mark.parametrize("form", ["packed", "float"])
@@ -45,7 +35,7 @@ def test_a_bomb_in_a_chunk_is_one_sentence(tmp_path: Path, name: str) -> None:
     path = tmp_path / "chunk.usdc"
     write_chunk(path, cloud(n=50))
     array = Vt.Int64Array(LONG) if name == "ids" else Vt.FloatArray(LONG)
-    with_array(path, "/chunk", name, array)
+    authored(path, "/chunk", name, array)
     assert path.stat().st_size < 4 * LONG / 100
     for read in (read_chunk, chunk_shape):
         with pytest.raises(StageError, match=f"found an array of {LONG} numbers in") as raised:
@@ -58,7 +48,7 @@ def test_a_bomb_in_a_table_is_one_sentence(tmp_path: Path) -> None:
     path = little_tree(tmp_path, cloud(n=200))
     crate = tmp_path / "tree.usdc"
     Sdf.Layer.FindOrOpen(str(path)).Export(str(crate))
-    with_array(crate, "/tree/splats", "splat:nodeChunk", Vt.IntArray(LONG))
+    authored(crate, "/tree/splats", "splat:nodeChunk", Vt.IntArray(LONG))
     with pytest.raises(StageError, match=f"found an array of {LONG} numbers in"):
         tree_of(crate)
     package = tmp_path / "tree.usdz"

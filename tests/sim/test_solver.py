@@ -252,7 +252,7 @@ def test_a_pattern_waits_until_it_is_enabled(device) -> None:
     """Oracle: u and v of the first frame to the bit, as long as it is off."""
 
     def says(time: float) -> dict[str, Any]:
-        return {"parameters": knobs(rd={"enabled": time > 5, "seed_density": 0.05})}
+        return {"parameters": knobs(rd={"enabled": time > 5, "seed_density": 0.01})}
 
     frames = played(device, Written(ball(600), says), 9)
     for frame in frames[1:5]:

@@ -1,8 +1,6 @@
 """Print results to stdout, progress, remarks and errors to stderr. Nothing else prints.
 
-A stderr that cannot be written is ignored: the exit status is that of the work. On a terminal,
-progress is a bar with the time left. Elsewhere it is plain lines, which render managers and logs
-can read. Work that takes less than about a second is not reported.
+A stderr that cannot be written is ignored: the exit status is that of the work.
 """
 
 from __future__ import annotations
@@ -10,11 +8,10 @@ from __future__ import annotations
 import math
 import os
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
+from contextlib import suppress
 from typing import Any, TextIO
 
-from usdsplat.core.progress import Progress
 from usdsplat.core.text import shown
 
 
@@ -97,23 +94,6 @@ def _abandon(stream: TextIO) -> None:
         nowhere = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nowhere, stream.fileno())
         os.close(nowhere)
-
-
-@contextmanager
-def progress(compiled: Callable[[], float] = lambda: 0.0) -> Iterator[Progress]:
-    """Yield a progress listener for stderr: a bar on a terminal, plain lines elsewhere.
-
-    The bar is removed at the end.
-
-    Args:
-        compiled: Returns the time spent on compiling kernels so far [s]. Kernels are compiled only
-            once, so the estimate of the time left excludes it.
-    """
-    from usdsplat.cli.progress import beating, receiver
-
-    is_terminal = sys.stderr is not None and sys.stderr.isatty()
-    with beating(receiver(compiled, is_terminal=is_terminal)) as listener:
-        yield listener
 
 
 def remark(text: str) -> None:

@@ -17,6 +17,8 @@ examples:
       a coarse level of a splat tree; --max-splats 500000 takes the best cut of that size
   usdsplat convert city.usda near.sog --camera /World/Cam --lod-error 2
       a splat tree as a picture of a camera draws it: fine where it is near, coarse elsewhere
+  usdsplat convert shot.usda near.####.sog --camera /World/Cam --frames 1-48
+      the same for each frame
   usdsplat convert city.usda web/lod-meta.json
       all levels of a splat tree as a streamed SOG, which PlayCanvas's viewers show
   usdsplat convert house.ply garden.sog both.ply
@@ -62,8 +64,8 @@ from usdsplat.core.wording import counted
 
 if TYPE_CHECKING:
     from usdsplat.delegate.scene_delegate import Stage
-    from usdsplat.interchange import TreeChoice
     from usdsplat.interchange.converting import Report
+    from usdsplat.interchange.options import ExportOptions
     from usdsplat.schema import Form
 
 __all__ = ["Options", "arranged", "run"]
@@ -77,15 +79,9 @@ def arranged(words: Sequence[str]) -> list[str]:
 
 def run(options: Options, reporter: Reporter) -> int:
     """Convert the files and print a report."""
-    from usdsplat.formats import ReadOptions, WriteOptions
-    from usdsplat.images.frame_numbers import parse_frames
+    from usdsplat.formats import ReadOptions
     from usdsplat.interchange import ImportReport, convert
-    from usdsplat.interchange.options import (
-        RATE,
-        ExportOptions,
-        ImportOptions,
-        SequenceOptions,
-    )
+    from usdsplat.interchange.options import RATE, ImportOptions, SequenceOptions
 
     if not options.others:
         raise UsageError("convert", "no OUT", "one; see 'usdsplat convert --help'")
@@ -95,9 +91,10 @@ def run(options: Options, reporter: Reporter) -> int:
     stage, frames, captures = options.stage_output, options.sequence, options.capture
     form: Form = "packed" if stage.packed else "half" if stage.half else "float"
     with ExitStack() as during:
-        time = time_code(options.stage_input.frame)
-        stages = during.enter_context(_opened(sources, time, reporter))
-        trees, time = _trees(options, stages, time)
+        stages = during.enter_context(
+            _opened(sources, time_code(options.stage_input.frame), reporter)
+        )
+        export = _export_options(options, stages, target, reporter)
         during.enter_context(made_folder(Path(target).parent))
         if reporter.findings.is_strict:
             during.enter_context(output_group())
@@ -119,14 +116,9 @@ def run(options: Options, reporter: Reporter) -> int:
                 cameras=stage.cameras,
                 reading=ReadOptions(lod=captures.lod or 0),
             ),
-            export=ExportOptions(
-                time=time,
-                split=options.stage_input.split,
-                writing=WriteOptions(spz_version=captures.spz_version or 4),
-                trees=trees,
-            ),
+            export=export,
             sequence=SequenceOptions(
-                frames=None if frames.frames is None else parse_frames(frames.frames),
+                frames=_frames(options),
                 clips=frames.clips,
                 rate=RATE if frames.rate is None else frames.rate,
                 interpolate=frames.interpolate,
@@ -144,20 +136,46 @@ def run(options: Options, reporter: Reporter) -> int:
     return 0
 
 
-def _trees(
-    options: Options, stages: Sequence[Stage], time: float | None
-) -> tuple[TreeChoice, float | None]:
-    """Return what to read of splat trees, and when: the view of a camera has a default time."""
-    from usdsplat.interchange import TreeChoice
+def _frames(options: Options) -> tuple[float, ...] | None:
+    """Return the frames of a sequence; None for all."""
+    from usdsplat.images.frame_numbers import parse_frames
 
-    view, most = options.view, options.stage_input.max_splats
-    if view.camera is None:
-        return TreeChoice(level=options.capture.lod or 0, max_splats=most), time
-    from usdsplat.products.tree_views import ViewRequest, choice_of
+    frames = options.sequence.frames
+    return None if frames is None else parse_frames(frames)
 
-    size = resolution_of(view.resolution)
-    request = ViewRequest(camera=view.camera, resolution=size, settings=given(view))
-    return choice_of(stages[0], request, time)
+
+def _export_options(
+    options: Options, stages: Sequence[Stage], target: str, reporter: Reporter
+) -> ExportOptions:
+    """Return how captures are written of stages: what is read of splat trees, and when. The view of
+    a camera has a default time, and chooses for each frame of a sequence."""
+    from usdsplat.formats import WriteOptions
+    from usdsplat.images.frame_numbers import has_place
+    from usdsplat.interchange.options import ExportOptions
+    from usdsplat.interchange.sequence_exporting import frames_of
+    from usdsplat.interchange.tree_reading import TreeChoice
+
+    view, reads = options.view, options.stage_input
+    time, findings = time_code(reads.frame), reporter.findings
+    trees, trees_at = TreeChoice(level=options.capture.lod or 0, max_splats=reads.max_splats), {}
+    if view.camera is not None:
+        from usdsplat.products.tree_views import ViewRequest, choice_of, choices_of
+
+        size = resolution_of(view.resolution)
+        request = ViewRequest(camera=view.camera, resolution=size, settings=given(view))
+        if has_place(target):
+            frames = frames_of(stages[0], _frames(options))
+            trees_at = choices_of(stages[0], request, frames, findings=findings)
+        else:
+            trees, time = choice_of(stages[0], request, time, findings=findings)
+        findings.check()
+    return ExportOptions(
+        time=time,
+        split=reads.split,
+        writing=WriteOptions(spz_version=options.capture.spz_version or 4),
+        trees=trees,
+        trees_at=trees_at,
+    )
 
 
 @contextmanager

@@ -58,8 +58,8 @@ class ViewOptions(LevelFlags):
     """The nodes of splat trees that a picture of a camera draws, instead of a level."""
 
     camera: Annotated[str | None, option("CAMERA")] = None
-    """path or name of the camera; out of its view, trees are as coarse as possible; --frame is then
-    the first one of the stage by default"""
+    """path or name of the camera, also for each frame of a sequence; out of its view, trees are as
+    coarse as possible; --frame is then the first one of the stage by default"""
     resolution: Annotated[str | None, option("WIDTHxHEIGHT")] = None
     """size of the picture in pixels; default: that of the product with the camera, or else of the
     first product, or 1920x1080"""
@@ -115,17 +115,17 @@ class Options:
     reporting: ReportingOptions = field(default_factory=ReportingOptions)
 
 
+_OF_VIEW = ("camera", "lod_error", "splat_budget", "resolution")
 _MEANINGFUL = {
     (False, True): (
         *("packed", "half", "up_axis", "axes", "meters_per_unit", "prim", "bake_axes", "lod"),
     ),
-    (True, False): ("prim", "axes", "lod", "max_splats", "spz_version"),
+    (True, False): ("prim", "axes", "lod", "max_splats", "spz_version", *_OF_VIEW),
     (False, False): ("axes", "lod", "spz_version"),
     (True, True): ("packed", "half", "flatten"),
 }
 """(input is a stage, output is a stage) -> flags that apply."""
-_OF_VIEW = ("camera", "lod_error", "splat_budget", "resolution")
-_OF_ONE = {(False, True): ("cameras",), (True, False): ("frame", "split", *_OF_VIEW)}
+_OF_ONE = {(False, True): ("cameras",), (True, False): ("frame", "split")}
 """The same for inputs and outputs that are not sequences."""
 _OF_FRAMES = {
     (False, True): ("frames", "clips", "rate", "interpolate"),

@@ -7,7 +7,7 @@ examples:
       every splat field with statistics, every splat tree with its levels, and cameras, frames and
       render products
   usdsplat info shot.usd --frame 12
-  usdsplat info city.usda --camera /World/Cam --lod-error 2
+  usdsplat info city.usda --camera /World/Cam --lod-error 2 --resolution 960x540
       what a picture of the camera loads of splat trees: nodes, splats, and bytes in memory
   usdsplat info scan.sog --json
   usdsplat info tiles/lod-meta.json
@@ -30,7 +30,7 @@ from usdsplat.cli.arguments import flags_of, given, option, positional
 from usdsplat.cli.flag_names import spelled
 from usdsplat.cli.reporting import Reporter, ReportingOptions
 from usdsplat.cli.stage_options import StageOptions
-from usdsplat.cli.values import time_code
+from usdsplat.cli.values import resolution_of, time_code
 from usdsplat.core.errors import UsageError
 from usdsplat.core.text import shown
 from usdsplat.render.settings import RenderSettings
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from usdsplat.products.report import Report
 
 
-LevelFlags: Any = flags_of(RenderSettings, ("lod_error",))
+LevelFlags: Any = flags_of(RenderSettings, ("lod_error", "splat_budget"))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,6 +49,9 @@ class ViewOptions(LevelFlags):
     camera: Annotated[str | None, option("CAMERA")] = None
     """path or name; default: every camera, or one that frames everything; animated cameras are at
     --frame, or at the first frame"""
+    resolution: Annotated[str | None, option("WIDTHxHEIGHT")] = None
+    """size of the picture in pixels; default: that of the product with the camera, or else of the
+    first product, or 1920x1080"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -81,7 +84,9 @@ def run(options: Options, reporter: Reporter) -> int:
         described = _stage(options, reporter)
     else:
         check_no_stage_options(options.file, options.opening)
-        flags = {"frame": options.frame, "camera": options.view.camera, **given(options.view)}
+        view = options.view
+        flags = {"frame": options.frame, "camera": view.camera, "resolution": view.resolution}
+        flags |= given(view)
         for name in (name for name, value in flags.items() if value is not None):
             raise UsageError(f"--{spelled(name)}", f"a capture, {options.file}", "a stage")
         described = _capture(options, reporter)
@@ -99,12 +104,18 @@ def _stage(options: Options, reporter: Reporter) -> dict[str, Any]:
     from usdsplat.products.checking import opening_findings
     from usdsplat.products.tree_views import ViewRequest
 
-    view = ViewRequest(camera=options.view.camera, settings=given(options.view))
+    view = ViewRequest(
+        camera=options.view.camera,
+        resolution=resolution_of(options.view.resolution),
+        settings=given(options.view),
+    )
     time = time_code(options.frame)
     with reporter.progress() as progress:
         stage = open_stage(options.file, options.opening, reporter)
         reporter.findings.extend(opening_findings(stage, time))
-        described = summary.of_stage(stage, time, view=view, progress=progress)
+        described = summary.of_stage(
+            stage, time, view=view, findings=reporter.findings, progress=progress
+        )
     described = {"file": str(options.file), **described}
     if options.plot:
         from usdsplat.products import report

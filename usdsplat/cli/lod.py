@@ -56,8 +56,8 @@ class Options:
     default: 4G"""
     pixel: Annotated[float | None, option("SIZE")] = None
     """size of a pixel of the photographs at the splats, in units of the first input: merged splats
-    get the low-pass of classic pictures at this size; 0 for none; default: as authored, else that
-    of a picture of 540 lines that frames an input"""
+    get the low-pass of classic pictures at this size, at most that of all inputs; 0 for none;
+    default: as authored, else that of a picture of 540 lines that frames an input"""
     leaf_splats: Annotated[int | None, option("N")] = None
     """largest number of splats of a node, 256 to 65536; default: 16384"""
     sh_degree: Annotated[int | None, option("DEGREE")] = None

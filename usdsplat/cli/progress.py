@@ -1,4 +1,5 @@
-"""Progress listeners for stderr: plain lines, or a bar on a terminal.
+"""Progress listeners for stderr: a bar with the time left on a terminal, and plain lines elsewhere,
+which render managers and logs can read. Work that takes less than about a second is not reported.
 
 Both estimate the time left from the steps so far, without the time in which kernels were compiled.
 Work that reports no steps is shown from another thread: its time so far, and if this machine did
@@ -8,6 +9,7 @@ such work before, the time that is left.
 from __future__ import annotations
 
 import math
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -16,6 +18,7 @@ from typing import IO, Any, cast
 
 from usdsplat.cli import console
 from usdsplat.core import interrupt
+from usdsplat.core.progress import Progress
 from usdsplat.core.text import shown
 
 BEAT = 0.5
@@ -26,21 +29,18 @@ INTERVALS = ((10.0, 1.0), (60.0, 10.0), (math.inf, 60.0))
 """Pairs (elapsed time of a task [s], interval of plain lines up to that time [s])."""
 
 
-def receiver(compiled: Callable[[], float], *, is_terminal: bool) -> Lines | Bar:
-    """Return a progress listener.
+@contextmanager
+def listening(compiled: Callable[[], float] = lambda: 0.0) -> Iterator[Progress]:
+    """Yield a progress listener for stderr: a bar on a terminal, plain lines elsewhere.
+
+    Another thread lets it show the time that passes. The bar is removed at the end.
 
     Args:
         compiled: Returns the time spent on compiling kernels so far [s]. Kernels are compiled only
             once, so the estimate of the time left excludes it.
-        is_terminal: Whether stderr is a terminal.
     """
-    return Bar(compiled) if is_terminal else Lines(compiled)
-
-
-@contextmanager
-def beating(listener: Lines | Bar) -> Iterator[Lines | Bar]:
-    """Let a listener show the time that passes, from another thread, and remove what it shows at
-    the end."""
+    is_terminal = sys.stderr is not None and sys.stderr.isatty()
+    listener = Bar(compiled) if is_terminal else Lines(compiled)
     ended = threading.Event()
 
     def run() -> None:
@@ -242,10 +242,11 @@ def _literal(label: str) -> str:
 def _rich_progress() -> Any:
     """Return a progress bar on stderr that is removed at its end."""
     from rich.console import Console
-    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn
+    from rich.progress import BarColumn, TaskProgressColumn, TextColumn
+    from rich.progress import Progress as RichProgress
     from rich.progress import TimeRemainingColumn as Remaining
 
     columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), Remaining())
-    return Progress(
+    return RichProgress(
         *columns, console=Console(file=cast(IO[str], console.Terminal())), transient=True
     )

@@ -15,6 +15,7 @@ from typing import Annotated, Any, Protocol
 
 from usdsplat.cli import console
 from usdsplat.cli.arguments import option
+from usdsplat.cli.progress import listening
 from usdsplat.core.errors import StrictError
 from usdsplat.core.findings import LIBRARY_MESSAGES, Finding, Findings, finding
 from usdsplat.core.progress import Progress, silent
@@ -60,8 +61,8 @@ class Reporter:
     def progress(
         self, compiled: Callable[[], float] = lambda: 0.0
     ) -> AbstractContextManager[Progress]:
-        """Return a progress listener, see `console.progress`."""
-        return nullcontext(silent) if self._quiet else console.progress(compiled)
+        """Return a progress listener, see `progress.listening`."""
+        return nullcontext(silent) if self._quiet else listening(compiled)
 
     def announce_compilation(self, text: str = console.PICTURES) -> Callable[[str], None]:
         """Return a function to call for each compiled kernel, see `console`."""

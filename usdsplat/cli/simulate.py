@@ -2,10 +2,12 @@
 
 examples:
   usdsplat simulate --preset grow scan.ply -o grow.usda
-      make a stage with parameters to edit; presets: grow, push, conform, dissolve
+      make a stage with parameters to edit; presets: grow, push, conform, morph, dissolve
+  usdsplat simulate --preset morph scan.ply --target other.sog -o morph.usda
+      a capture becomes another one; --preset conform --target mesh.usd moves it onto meshes
   usdsplat simulate grow.usda --frames 1:100 -o bake.usda
       run it; bake.usda shows the result, and the capture is not changed
-  usdsplat simulate grow.usda -o bake.usda --set rd:preset=coral --set affector:friction=0.5
+  usdsplat simulate grow.usda -o bake.usda --set accretion:style=moss --set affector:friction=0.5
       with other values, without editing the stage
   usdsplat simulate city_grow.usda -o bake.usda --max-splats 300000
       simulate a cut of a splat tree; the bake is drawn in place of the tree
@@ -55,14 +57,15 @@ class Options:
     """layer of results to write, a .usda; with --preset the stage to make"""
     frames: Annotated[str | None, option("A:B")] = None
     """frames such as 1:100; default: the stage's range"""
-    preset: Annotated[str | None, option("grow|push|conform|dissolve")] = None
+    preset: Annotated[str | None, option("grow|push|conform|morph|dissolve")] = None
     """make a stage that is ready for simulation, and stop"""
     style: Annotated[str | None, option("NAME")] = None
-    """with --preset grow: shape of the pattern, such as coral; default: labyrinth"""
+    """with --preset grow: look of the new matter, such as moss; default: coral"""
     material: Annotated[str | None, option("NAME")] = None
     """with a preset that takes one: what the capture is made of"""
-    target: Annotated[Path | None, option("FILE")] = None
-    """with --preset conform: stage with the mesh to move onto; default: a ring"""
+    target: Annotated[Path | None, option("STAGE|CAPTURE")] = None
+    """with --preset conform or morph: meshes to move onto, by default a ring, or a capture to
+    become"""
     overrides: Annotated[tuple[str, ...], option("[/PRIM.]NAME=VALUE", name="set")] = ()
     """value that overrides the stage's parameter, such as rd:preset=coral; may be repeated"""
     list_parameters: Annotated[bool, option()] = False

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import heapq
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -50,10 +49,7 @@ class NodeCut:
 def heights(table: NodeTable) -> I32:
     """Return the largest number of levels below each node, shape (n,); 0 for a leaf."""
     parents, found = table.parents(), np.zeros(len(table), np.int32)
-    starts = [0, 1]
-    while starts[-1] < len(table):  # the nodes of a level follow each other
-        starts.append(starts[-1] + int(table.child_count[slice(*starts[-2:])].sum()))
-    for start, end in reversed(list(pairwise(starts[1:]))):
+    for start, end in reversed(table.levels()[1:]):
         np.maximum.at(found, parents[start:end], found[start:end] + 1)
     return found
 
@@ -105,7 +101,7 @@ def budget_cut(table: NodeTable, most: int) -> NodeCut:
         first, count = int(table.first_child[node]), int(table.child_count[node])
         if not count:
             continue
-        children = _first(table, ~refined, range(first, first + count))
+        children = _first_below(table, ~refined, range(first, first + count))
         more = children.splats(table) - int(table.proxies[node])
         if total + more > most:
             continue
@@ -126,8 +122,18 @@ def refined_cut(table: NodeTable, refined: Bools) -> NodeCut:
     return _first(table, ~(refined | ~np.isfinite(table.errors)))
 
 
-def _first(table: NodeTable, stops: Bools, roots: range = range(1)) -> NodeCut:
-    """Return the cut at the first node with `stops` on each way from the roots down."""
+def _first(table: NodeTable, stops: Bools) -> NodeCut:
+    """Return the cut at the first node with `stops` on each way from the root down."""
+    ends, parents = stops | (table.child_count == 0), table.parents()
+    reached = np.ones(len(table), np.bool_)
+    for start, end in table.levels()[1:]:
+        above = parents[start:end]
+        reached[start:end] = reached[above] & ~ends[above]
+    return NodeCut(nodes=np.flatnonzero(reached & ends), above=np.flatnonzero(reached & ~ends))
+
+
+def _first_below(table: NodeTable, stops: Bools, roots: range) -> NodeCut:
+    """Return the cut below some nodes, as `_first` does. The work is proportional to the cut."""
     nodes: list[int] = []
     above: list[int] = []
     waiting = list(roots)

@@ -71,10 +71,7 @@ class NodeTable:
         """Number of splats of the smallest cut of the subtree of each node, shape (n,). The table
         must be valid."""
         found, parents = self.sizes.copy(), self.parents()
-        starts = [0, 1]
-        while starts[-1] < len(self):  # the nodes of a level follow each other
-            starts.append(starts[-1] + int(self.child_count[slice(*starts[-2:])].sum()))
-        for start, end in reversed(list(pairwise(starts[1:]))):
+        for start, end in reversed(self.levels()[1:]):
             above = np.unique(parents[start:end])
             below = np.add.reduceat(found[start:end], self.first_child[above] - start)
             found[above] = np.minimum(found[above], self.residents[above] + below)
@@ -94,25 +91,23 @@ class NodeTable:
         found[np.repeat(self.first_child[inner], counts) + offsets] = np.repeat(inner, counts)
         return found
 
-    def depths(self) -> I32:
-        """Return the number of nodes above each node, shape (n,). The table is valid."""
-        parents, found = self.parents(), np.zeros(len(self), np.int32)
-        for node in range(1, len(self)):  # a parent comes before its children
-            found[node] = found[parents[node]] + 1
-        return found
+    def levels(self) -> list[tuple[int, int]]:
+        """Return the first node of each level from the root on, and the first of the next. The
+        table is valid, so that the nodes of a level follow each other."""
+        starts = [0, 1]
+        while starts[-1] < len(self):
+            starts.append(starts[-1] + int(self.child_count[slice(*starts[-2:])].sum()))
+        return list(pairwise(starts))
 
 
 def nested(errors: F64, table: NodeTable) -> F32:
     """Return errors of which each is at least NESTED times those of the node's children, and above
     0 for an inner node."""
     parents, found = table.parents(), errors.astype(np.float64)
-    smallest = np.finfo(np.float32).tiny
-    for node in range(len(table) - 1, -1, -1):
-        if table.child_count[node]:
-            found[node] = max(found[node], smallest)
-        if node:
-            least = NESTED * (1 + 1e-6) * found[node]
-            found[parents[node]] = max(found[parents[node]], least)
+    inner = table.child_count > 0
+    found[inner] = np.maximum(found[inner], np.finfo(np.float32).tiny)
+    for start, end in reversed(table.levels()[1:]):
+        np.maximum.at(found, parents[start:end], NESTED * (1 + 1e-6) * found[start:end])
     return found.astype(np.float32)
 
 

@@ -65,6 +65,15 @@ def numbers(where: str, value: Any, length: int, *, largest: float) -> F64:
     Raises:
         FormatError: If it is not.
     """
+    return np.array(number_list(where, value, length, largest=largest), np.float64)
+
+
+def number_list(where: str, value: Any, length: int, *, largest: float) -> list[float]:
+    """Return `value` if it is a list of `length` numbers of at most that magnitude.
+
+    Raises:
+        FormatError: If it is not.
+    """
     items = a_list(where, value)
     if len(items) != length:
         raise FormatError(where, f"{len(items)} values", f"{length} numbers")
@@ -72,7 +81,7 @@ def numbers(where: str, value: Any, length: int, *, largest: float) -> F64:
         # NaN fails the comparison; integers in JSON may have any size.
         if type(item) not in (int, float) or not abs(item) <= largest:
             raise FormatError(where, show(item), f"a number of at most {largest:g}")
-    return np.array(items, np.float64)
+    return items
 
 
 def show(value: Any) -> str:

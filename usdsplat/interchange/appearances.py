@@ -17,12 +17,13 @@ from usdsplat.core.errors import StageError, UsageError
 from usdsplat.core.node_cuts import fixed_at, heights
 from usdsplat.interchange.options import StageReading
 from usdsplat.interchange.placement import checked_path
-from usdsplat.interchange.tree_reading import LEAVES, TreeReading, ViewChoice
+from usdsplat.interchange.tree_reading import LEAVES, ViewChoice, tree_reading
 from usdsplat.interchange.view_cuts import view_cuts
 from usdsplat.schema import attributes
 from usdsplat.schema.lod_roots import item_choice, tree_level
 from usdsplat.schema.stage_values import local_to_ancestor, local_to_world
 from usdsplat.schema.tree import Tree
+from usdsplat.schema.tree_cuts import TreeReading
 
 MOST_SPLATS = 1 << 28
 """Maximum number of splats of an export: more would take 60 GB and are assumed to be a mistake."""
@@ -168,7 +169,7 @@ def _chosen(found: list[Appearance], reading: StageReading) -> list[Appearance]:
         beside = sum(_splats(each, reading.time) for each in budgeted)
         chosen = _seen(trees, choice.view, beside, reading.time)
     else:
-        own = [TreeReading.of(each.prim, choice) for each in trees]
+        own = [tree_reading(each.prim, choice) for each in trees]
         tops = [int(heights(each.tree.table)[0]) for each in own]
         if choice.level > max(tops, default=0):
             raise UsageError("level of detail", f"level {choice.level}", f"0 to {max(tops)}")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -21,6 +21,7 @@ from usdsplat.interchange.provenance import joined_bounds
 from usdsplat.interchange.reports import ExportReport, SequenceExportReport
 from usdsplat.interchange.sequence_exporting import write_frames
 from usdsplat.interchange.sequence_files import files_of
+from usdsplat.interchange.tree_reading import TreeChoice
 from usdsplat.interchange.unapplied import unapplied
 from usdsplat.schema.composition import composition_findings
 
@@ -36,6 +37,8 @@ class ToCapture:
     are assumed to have customary ones: a guess is not written to a file."""
     stages: StageReading
     """What is read of stages."""
+    trees_at: Mapping[float, TreeChoice]
+    """What is read of splat trees at frames of a sequence, in place of what `stages` says."""
     reading: ReadOptions
     writing: WriteOptions
     progress: Progress = silent
@@ -84,7 +87,7 @@ class ToCapture:
         report = export_stage(
             stage,
             target,
-            replace(self.stages, time=time),
+            replace(self.stages, time=time, trees=self.trees_at.get(time, self.stages.trees)),
             axes=self.axes,
             edits=self.edits,
             how=self.writing,

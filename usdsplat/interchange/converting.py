@@ -107,6 +107,7 @@ def convert(
         edits=tuple(edits),
         axes=axes,
         stages=stages_read,
+        trees_at=export.trees_at,
         reading=reading,
         writing=export.writing,
         progress=progress,
@@ -151,7 +152,7 @@ def _to_streamed(
     if len(sources) > 1 or not files.is_usd(sources[0]):
         expected = "one stage with splat trees, such as usdsplat lod writes"
         raise UsageError(str(target), ", ".join(map(str, sources)), expected)
-    if edits or export.split or export.trees != LEAVES:
+    if edits or export.split or export.trees != LEAVES or export.trees_at:
         found = "edits, --split, --lod, --max-splats or --camera"
         raise UsageError(str(target), found, "none of these: all levels of the trees are written")
     reading = StageReading(prim_path=options.prim_path, time=export.time)

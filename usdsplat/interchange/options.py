@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from usdsplat.formats import READ_OPTIONS, WRITE_OPTIONS, ReadOptions, WriteOptions
@@ -68,6 +68,8 @@ class ExportOptions:
     """Options for writing the capture file, such as the SPZ version."""
     trees: TreeChoice = LEAVES
     """What to read of splat trees."""
+    trees_at: Mapping[float, TreeChoice] = field(default_factory=dict)
+    """The same for frames of a sequence; `trees` is for the others."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -60,10 +60,10 @@ def export_sequence(
             str(pattern), "no placeholder", "one placeholder for the frame number, such as ####"
         )
     stage = source if isinstance(source, Usd.Stage) else files.open_stage(Path(source))
-    times = sorted(set(_times(stage) if frames is None else frames))
-    if not times:
-        raise UsageError(str(source), "no frames", "a stage with a range of them, or --frames")
     name = stage.GetRootLayer().identifier if isinstance(source, Usd.Stage) else str(source)
+    times = frames_of(stage, frames)
+    if not times:
+        raise UsageError(name, "no frames", "a stage with a range of them, or --frames")
 
     def write(path: Path, time: float) -> ExportReport:
         return export(stage, path, time)
@@ -111,6 +111,19 @@ def write_frames(
         frames=tuple(times),
         counts=tuple(each.splats for each in reports),
     )
+
+
+def frames_of(stage: Usd.Stage, frames: Sequence[float] | None) -> list[float]:
+    """Return the frames that `export_sequence` writes, ascending.
+
+    Args:
+        stage: The stage.
+        frames: Time codes; None for those of the stage, see `export_sequence`.
+
+    Raises:
+        UsageError: If the range of the stage is not one of frames.
+    """
+    return sorted(set(_times(stage) if frames is None else frames))
 
 
 def _times(stage: Usd.Stage) -> list[float]:

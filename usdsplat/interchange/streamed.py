@@ -37,6 +37,8 @@ from usdsplat.schema.tree import author_tree
 
 _SAMPLED = 1 << 16
 """Number of splats by which axes are chosen."""
+_MOST_READS = 512
+"""Largest number of ranges that they are read from: to read a few splats takes a millisecond."""
 
 
 def is_streamed(path: Path) -> bool:
@@ -104,8 +106,8 @@ class StreamedSog:
         if not table.proxies.any():
             raise FormatError(str(self.path), "no splats", "at least one")
         rows = level_cut(table, int(np.iinfo(np.int32).max)).rows(table)
-        few = max(1, _SAMPLED // max(1, len(rows)))
-        rows = rows[:: max(1, len(rows) // _SAMPLED)]
+        rows = rows[:: -(-len(rows) // _MOST_READS)]
+        few = _SAMPLED // len(rows)
         parts = [reader.read(chunk, first, min(count, few)) for chunk, first, count in rows]
         return Capture(
             cloud=edit.merge(parts),

@@ -28,11 +28,10 @@ from usdsplat.interchange.appearances import Appearance, appearances
 from usdsplat.interchange.options import StageReading
 from usdsplat.interchange.placement import stage_frame
 from usdsplat.interchange.reports import ExportReport
-from usdsplat.interchange.tree_reading import TreeReading
 from usdsplat.interchange.unapplied import unapplied
-from usdsplat.schema.chunks import ChunkReader
 from usdsplat.schema.composition import composition_findings
 from usdsplat.schema.tree import Tree
+from usdsplat.schema.tree_cuts import TreeReading
 
 UNIT = 1 << 19
 """Number of splats from which on a SOG file is full; splat-transform's, too."""
@@ -136,7 +135,7 @@ class _Place:
 
     def splats(self, level: int) -> Iterator[tuple[int, SplatCloud]]:
         """Yield the leaves with splats of a level, and these, in the coordinates of the file."""
-        table, reader = self.tree.table, ChunkReader(self.tree.chunks, self.tree.degree)
+        table, reader = self.tree.table, self.tree.reader()
         cut = level_cut(table, level)
         above: dict[int, list[SplatCloud]] = {}
         for node in cut.above.tolist():

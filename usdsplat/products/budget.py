@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from usdsplat.core.errors import UsageError
 from usdsplat.core.wording import counted, said_bytes
@@ -15,6 +15,7 @@ from usdsplat.render.band import BAND_PIXELS
 from usdsplat.render.deep_memory import deep_bytes, entries_within
 from usdsplat.render.deep_merging import ENTRIES
 from usdsplat.render.frame import DEEP_PIXELS
+from usdsplat.render.lod.memory import held_node_bytes
 from usdsplat.render.memory import Estimate, PictureRequest, fitting
 from usdsplat.render.specs import View
 
@@ -33,6 +34,8 @@ class Budget:
     """See `Engine.render`."""
     deep_entries: int = ENTRIES
     """See `DeepSize`."""
+    node_bytes: int | None = None
+    """Memory for nodes of splat trees, also of other pictures, see `NodeCache.most`."""
     estimate: Estimate
 
     def sentence(self) -> str:
@@ -43,6 +46,19 @@ class Budget:
             f"the scene, {said_bytes(parts.splats)} for its visible part, "
             f"{said_bytes(parts.band)} for a band of {counted(parts.rows, 'row')}"
         )
+
+
+def with_node_memory(plan: PicturePlan, limit: int | None) -> PicturePlan:
+    """Return the plan of a picture whose splat trees get half of a memory limit [byte], unless
+    memory for them is chosen.
+
+    A picture that needs more for them would hardly fit: its buffers take 250 bytes for a drawn
+    splat, and nodes 56 to 236 up to degree 3.
+    """
+    if limit is None or plan.settings.node_memory:
+        return plan
+    memory = max(1, limit // 2 >> 20)
+    return replace(plan, settings=replace(plan.settings, node_memory=memory))
 
 
 def budget(
@@ -91,9 +107,14 @@ def budget(
         )
         raise UsageError("--memory-limit", said_bytes(limit), expected)
     # The memory that the rest of a deep picture leaves is for contributions that are merged.
-    entries = ENTRIES
+    entries, left = ENTRIES, limit - estimate.total
     if plan.deep:
         ids = request.deep_ids
-        size = estimate.rows * width * deep_bytes(plan.settings, ids) + limit - estimate.total
-        entries = entries_within(plan.settings, ids, size)
-    return Budget(band_pixels=tiles * TILE * width, deep_entries=entries, estimate=estimate)
+        size = estimate.rows * width * deep_bytes(plan.settings, ids) + left
+        entries, left = entries_within(plan.settings, ids, size), 0
+    return Budget(
+        band_pixels=tiles * TILE * width,
+        deep_entries=entries,
+        node_bytes=held_node_bytes(engine.render_scene, view, plan.settings) + left,
+        estimate=estimate,
+    )

@@ -35,6 +35,8 @@ class DeepReport:
     """Sum of squared differences over red, green and blue of all pixels."""
     worst: float = 0.0
     """Largest absolute difference."""
+    missing: int = 0
+    """See `FrameStats.missing`; the flat picture may have been drawn with more nodes."""
 
     @property
     def decibels(self) -> float:
@@ -78,6 +80,7 @@ def draw_deep(engine: Engine, file: PictureFile, *, rows_written: RowsWritten) -
     writer = DeepWriter(file.path, layout, merged=settings.deep_error > 0)
     with writer:
         for y0, y1, samples in bands:
+            report.missing = engine.stats.missing
             beauty = None if flat is None else flat.take(y1 - y0)
             if scales and beauty is not None:
                 samples = scaled_to(samples, beauty, stored)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,7 +18,7 @@ from usdsplat.core.wording import counted
 from usdsplat.delegate.engine import Engine
 from usdsplat.images.deep_aovs import ALWAYS
 from usdsplat.products import remarks
-from usdsplat.products.budget import WORTH_SAYING, Budget, budget
+from usdsplat.products.budget import WORTH_SAYING, Budget, budget, with_node_memory
 from usdsplat.products.cancel import Cancelled, CancelToken
 from usdsplat.products.deep import DeepReport, draw_deep
 from usdsplat.products.existing import difference
@@ -26,7 +26,7 @@ from usdsplat.products.flat import draw_flat
 from usdsplat.products.header import Origin, labelled_layout, stage_hash
 from usdsplat.products.holdouts import check_file, holdout_of, lacking_depth
 from usdsplat.products.picture_file import PictureFile, RowsWritten
-from usdsplat.products.preflight import findings_of, go_to, of_picture, unread
+from usdsplat.products.preflight import findings_of, go_to, of_drawn, of_picture
 from usdsplat.products.request import PicturePlan
 from usdsplat.render.cost import Work
 from usdsplat.render.specs import CameraSpec
@@ -123,6 +123,7 @@ def draw_frames(
     """
     cancel = cancel or CancelToken()
     findings = Findings() if findings is None else findings
+    plans = [with_node_memory(plan, options.memory_limit) for plan in plans]
     jobs = _jobs(engine, plans, frames, options.existing, findings)
     engine.expect(work_of(plans, frames))
     said = engine.remark
@@ -167,6 +168,7 @@ def draw_frames(
             band_pixels=budgets[plan].band_pixels,
             deep_entries=budgets[plan].deep_entries,
         )
+        engine.render_scene.node_cache.most = budgets[plan].node_bytes
         try:
             cancel.check()
             with made_folder(path.parent):
@@ -176,15 +178,14 @@ def draw_frames(
         rows += plan.rows
         stats, seconds = engine.stats, time.perf_counter() - started
         if report is not None:
+            stats = replace(stats, missing=report.missing)
             findings.say(remarks.what_is_deep(path, report, seconds))
         elif plan.settings.color_mode == "inverseView":
             findings.say(remarks.what_fails(path, stats))
         if engine.remark != said:  # a GPU has failed in the meantime
             said = engine.remark
             findings.say(said)
-        findings.extend(unread(engine), time=since)
-        if empty := remarks.nothing_drawn(engine, view, stats):
-            findings.add(empty, time=since)
+        findings.extend(of_drawn(engine, view, plan.settings, stats), time=since)
         yield DrawnPicture(
             path=path,
             frame=frame,

@@ -15,6 +15,7 @@ from usdsplat.products.request import PicturePlan
 from usdsplat.render.frame_stats import FrameStats
 from usdsplat.render.framing import conform
 from usdsplat.render.scene import RenderScene
+from usdsplat.render.settings import RenderSettings
 from usdsplat.render.specs import CameraSpec, View
 
 OPAQUE_ENOUGH = 0.1
@@ -78,14 +79,22 @@ def findings_of(
     stats = FrameStats()
     if has_trees or scene.drawn():
         stats = _stats_of(engine, plan, view)
-    yield from unread(engine)
-    if empty := remarks.nothing_drawn(engine, view, stats):
-        yield empty
+    yield from of_drawn(engine, view, plan.settings, stats)
 
 
-def unread(engine: Engine) -> Iterator[Finding]:
-    """Yield a finding on each splat tree of which the last picture could not read a chunk."""
+def of_drawn(
+    engine: Engine, view: View, settings: RenderSettings, stats: FrameStats
+) -> Iterator[Finding]:
+    """Yield what a picture, the last one of the engine, asked for and did not get: chunks, nodes
+    and the budget of splat trees, and anything to draw."""
     yield from (found for found in engine.findings if found.code == "broken-chunk")
+    yield from remarks.small_budget(engine, view, settings, stats.of_trees)
+    for found in (
+        remarks.unread_nodes(view, stats.missing),
+        remarks.nothing_drawn(engine, view, stats),
+    ):
+        if found is not None:
+            yield found
 
 
 def lens_findings(engine: Engine, plan: PicturePlan) -> Iterator[Finding]:

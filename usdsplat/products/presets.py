@@ -32,7 +32,8 @@ def make_stage(
         target: A .usda or .usdc file that does not exist yet. A missing folder is made.
         axes: Directions of a capture's x, y and z; None to use the file's own.
         progress: Receives the progress of the import.
-        options: Values of the presets' options by name, see `author_preset`.
+        options: Values of the presets' options by name, see `author_preset`; the target is the path
+            of a stage, or of a capture, which is imported beside the preset's stage too.
 
     Returns:
         The files that were written, the target last.
@@ -44,36 +45,39 @@ def make_stage(
     """
     given = dict(options or {})
     find_preset(preset, where="--preset").chosen(given)
+    file = given.pop("target", None)
+    goal = None if file is None else Path(file)
     check_suffix(target)
-    check_not_input(target, [source])
+    check_not_input(target, [source] if goal is None else [source, goal])
     if target.exists():
         raise OutputError(str(target), "a file", "a new name")
     with made_folder(target.parent):
-        return _make(preset, source, target, axes=axes, progress=progress, options=given)
+        made: list[Path] = []
+        try:
+            if is_usd(source) and axes is not None:
+                raise UsageError("--axes", "a stage, which defines its own axes", "a capture")
+            capture = _stage_of(source, target, "capture", axes, progress, made)
+            there = None
+            if goal is not None:
+                there = open_stage(_stage_of(goal, target, "target", None, progress, made))
+            author_preset(preset, open_stage(capture), target, options=given, goal=there)
+        except BaseException:
+            for path in made:
+                path.unlink(missing_ok=True)
+            raise
+        return [*made, target]
 
 
-def _make(
-    name: str,
-    source: Path,
-    target: Path,
-    *,
-    axes: str | None,
-    progress: Progress,
-    options: Mapping[str, str | None],
-) -> list[Path]:
-    """Write the files of a stage; see `make_stage`."""
+def _stage_of(
+    source: Path, target: Path, name: str, axes: str | None, progress: Progress, made: list[Path]
+) -> Path:
+    """Return a stage, or that which a capture is imported to beside the target, which is added to
+    `made`."""
     if is_usd(source):
-        if axes is not None:
-            raise UsageError("--axes", "a stage, which defines its own axes", "a capture")
-        author_preset(name, open_stage(source), target, options=options)
-        return [target]
-    capture = target.with_name(f"{target.stem}_capture.usdc")
-    if capture.exists():
-        raise OutputError(str(capture), "a file", f"no such file, because {target} needs this name")
-    import_capture(source, capture, options=ImportOptions(axes=axes), progress=progress)
-    try:
-        author_preset(name, open_stage(capture), target, options=options)
-    except BaseException:
-        capture.unlink(missing_ok=True)
-        raise
-    return [capture, target]
+        return source
+    file = target.with_name(f"{target.stem}_{name}.usdc")
+    if file.exists():
+        raise OutputError(str(file), "a file", f"no such file, because {target} needs this name")
+    import_capture(source, file, options=ImportOptions(axes=axes), progress=progress)
+    made.append(file)
+    return file

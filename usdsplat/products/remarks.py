@@ -66,6 +66,39 @@ def wide_lens(plan: PicturePlan, camera: CameraSpec) -> Finding | None:
     return finding("wide-lens", camera.path, found, "a lens of at most a tenth of that distance")
 
 
+def small_budget(
+    engine: Engine,
+    view: View,
+    settings: RenderSettings,
+    of_trees: int,
+    *,
+    keeps_fields: bool = False,
+) -> Iterator[Finding]:
+    """Yield a finding if the coarsest splats of a view exceed its splat budget.
+
+    Args:
+        of_trees: Number of splats of the cut of splat trees in the view.
+        keeps_fields: Whether the budget does not reduce fields; otherwise one splat of them is left
+            at least.
+    """
+    fields = engine.render_scene.draw_list().splats
+    budget, needed = settings.splat_budget, of_trees + (fields if keeps_fields else min(1, fields))
+    if budget and of_trees and needed > budget:
+        found = f"a splat budget of {budget}"
+        beside = " and the fields beside them" if fields else ""
+        expected = f"at least {needed}, for the coarsest levels of the splat trees in view{beside}"
+        yield finding("small-budget", view.camera.path or "/", found, expected)
+
+
+def unread_nodes(view: View, missing: int) -> Finding | None:
+    """Return a finding if a picture has coarser nodes of splat trees in place of `missing` ones."""
+    if not missing:
+        return None
+    # the number is not part of what was found, which is said once for all frames
+    found, where = "a picture that does not wait for nodes", view.camera.path or "/"
+    return finding("unread-nodes", where, found, f"{counted(missing, 'more node')}, not read yet")
+
+
 def repeated_ids(engine: Engine, plan: PicturePlan) -> Iterator[Finding]:
     """Yield a finding on each drawn splat tree whose splats and proxies are more than the element
     ids of a picture that has them."""
@@ -75,7 +108,8 @@ def repeated_ids(engine: Engine, plan: PicturePlan) -> Iterator[Finding]:
         table = tree.spec.table
         count = int(table.proxies.sum() + table.residents.sum())
         if count > ELEMENT_IDS:
-            yield finding("repeated-ids", path, counted(count, "splat"), f"at most {ELEMENT_IDS}")
+            expected = f"at most {ELEMENT_IDS}"
+            yield finding("repeated-element-ids", path, counted(count, "splat"), expected)
 
 
 def what_is_forced(plan: PicturePlan) -> str:

@@ -11,6 +11,7 @@ from usdsplat import schema
 from usdsplat.core.axes import UP_AXIS_FRAME
 from usdsplat.core.cloud import F32, F64, SplatCloud
 from usdsplat.core.errors import UsdSplatError
+from usdsplat.core.findings import Findings
 from usdsplat.core.progress import Progress, silent
 from usdsplat.delegate.engine import Engine
 from usdsplat.formats import Capture
@@ -70,6 +71,7 @@ def of_stage(
     time: float | None,
     *,
     view: ViewRequest = EVERY_VIEW,
+    findings: Findings | None = None,
     progress: Progress = silent,
 ) -> dict[str, Any]:
     """Describe a stage, every splat field and tree on it, and what views load of the trees.
@@ -81,6 +83,7 @@ def of_stage(
         time: Time code at which fields are read; None for the default value, or the first sample.
             Views are then at the first frame of the stage's range.
         view: View of which it is described what it loads; by default those of all cameras.
+        findings: Receives what the views ask for and do not get.
         progress: Receives the progress by fields.
 
     Raises:
@@ -104,7 +107,7 @@ def of_stage(
         "frames": frames if stage.HasAuthoredTimeCodeRange() else None,
         "frames_per_second": stage.GetTimeCodesPerSecond(),
         "splats": sum(entry.get("splats", 0) for entry in (*described, *trees)),
-        **_drawn(stage, time, view),
+        **_drawn(stage, time, view, Findings() if findings is None else findings),
         "cameras": [str(prim.GetPath()) for prim in prims if prim.IsA(UsdGeom.Camera)],
         "points": [_of_points(prim, time) for prim in points_of(prims)],
         "products": [str(prim.GetPath()) for prim in prims if prim.IsA(UsdRender.Product)],
@@ -113,7 +116,9 @@ def of_stage(
     }
 
 
-def _drawn(stage: Usd.Stage, time: float | None, view: ViewRequest) -> dict[str, Any]:
+def _drawn(
+    stage: Usd.Stage, time: float | None, view: ViewRequest, findings: Findings
+) -> dict[str, Any]:
     """Return what a picture contains: the numbers of its splats and surfaces, and their bounds in
     the world. A splat tree counts with the splats of its leaves. Each instance counts, hidden prims
     do not. What views load of trees follows."""
@@ -127,7 +132,7 @@ def _drawn(stage: Usd.Stage, time: float | None, view: ViewRequest) -> dict[str,
         }
         if time is None and stage.HasAuthoredTimeCodeRange():
             engine.set_time(stage.GetStartTimeCode())
-        return {**drawn, **of_views(engine, view)}
+        return {**drawn, **of_views(engine, view, findings)}
 
 
 def _of_field(prim: Usd.Prim, time: float | None) -> dict[str, Any]:

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 from pxr import Usd
 
 from usdsplat.core.errors import StageError, UsageError
+from usdsplat.core.findings import Findings
 from usdsplat.core.knobs import checked
 from usdsplat.delegate.engine import Engine
 from usdsplat.interchange import TreeChoice, ViewChoice
 from usdsplat.products.planning import NO_PRODUCT, find_camera
+from usdsplat.products.remarks import small_budget
 from usdsplat.products.request import MOST_PIXELS
 from usdsplat.render.lod.memory import view_load
+from usdsplat.render.lod.nodes import view_cut
 from usdsplat.render.settings import RenderSettings
 from usdsplat.render.specs import Framing, View
 
@@ -62,7 +65,11 @@ def view_of(engine: Engine, request: ViewRequest) -> tuple[View, RenderSettings]
 
 
 def choice_of(
-    stage: Usd.Stage, request: ViewRequest, time: float | None
+    stage: Usd.Stage,
+    request: ViewRequest,
+    time: float | None,
+    *,
+    findings: Findings | None = None,
 ) -> tuple[TreeChoice, float | None]:
     """Return the choice of the nodes that a picture of a camera draws, and the time of the picture.
 
@@ -70,18 +77,52 @@ def choice_of(
         stage: The stage, which is not changed.
         request: The view.
         time: Time code; None for the first of the stage's range, if it has one.
+        findings: Receives what the request asks for and does not get.
 
     Raises:
         StageError: As for `view_of`.
         UsageError: As for `view_of`.
     """
     with Engine(stage, time="first" if time is None else time) as engine:
-        view, settings = view_of(engine, request)
-        chosen = ViewChoice(view=view, error=settings.lod_error, budget=settings.splat_budget)
-        return TreeChoice(view=chosen), engine.time
+        findings = Findings() if findings is None else findings
+        return _chosen(engine, request, findings), engine.time
 
 
-def of_views(engine: Engine, request: ViewRequest) -> dict[str, Any]:
+def choices_of(
+    stage: Usd.Stage,
+    request: ViewRequest,
+    frames: Sequence[float],
+    *,
+    findings: Findings | None = None,
+) -> dict[float, TreeChoice]:
+    """Return the choice of the nodes that the picture of a camera draws at each of some frames.
+
+    Args and errors are those of `choice_of`.
+    """
+    findings = Findings() if findings is None else findings
+    found: dict[float, TreeChoice] = {}
+    with Engine(stage, time=next(iter(frames), None)) as engine:
+        for frame in frames:
+            engine.set_time(frame)
+            since = None if frame == frames[0] else frame
+            found[frame] = _chosen(engine, request, findings, since)
+    return found
+
+
+def _chosen(
+    engine: Engine, request: ViewRequest, findings: Findings, since: float | None = None
+) -> TreeChoice:
+    """Return the choice of a view at the engine's time; `since` is that of the findings."""
+    view, settings = view_of(engine, request)
+    if settings.splat_budget:
+        found = view_cut(engine.render_scene, view, settings).splats
+        wrong = small_budget(engine, view, settings, found, keeps_fields=True)
+        findings.extend(wrong, time=since)
+    chosen = ViewChoice(view=view, error=settings.lod_error, budget=settings.splat_budget)
+    return TreeChoice(view=chosen)
+
+
+def of_views(engine: Engine, request: ViewRequest, findings: Findings) -> dict[str, Any]:
     """Describe what a picture of each camera would load of the splat trees, without reading it.
 
     Numbers are those of a picture without blur, at the engine's time. Without cameras, the view
@@ -90,6 +131,7 @@ def of_views(engine: Engine, request: ViewRequest) -> dict[str, Any]:
     Args:
         engine: The engine.
         request: The view; without a camera all cameras are described, at most MOST_VIEWS.
+        findings: Receives what the views ask for and do not get.
 
     Returns:
         `views`, a list, and `views_left_out`, the number of cameras without an entry if there are
@@ -104,22 +146,23 @@ def of_views(engine: Engine, request: ViewRequest) -> dict[str, Any]:
             raise UsageError("level of detail", "a stage without splat trees", "one with a tree")
         return {}
     if request.camera is not None:
-        return {"views": [_of_view(engine, request)], "views_left_out": None}
+        return {"views": [_of_view(engine, request, findings)], "views_left_out": None}
     cameras = engine.cameras()
     views = []
     described: list[str | None] = [*cameras[:MOST_VIEWS]]
     for camera in described or [None]:
         try:
-            views.append(_of_view(engine, replace(request, camera=camera)))
+            views.append(_of_view(engine, replace(request, camera=camera), findings))
         except StageError as error:
             views.append({"camera": camera, "problem": str(error)})
     return {"views": views, "views_left_out": max(0, len(cameras) - MOST_VIEWS) or None}
 
 
-def _of_view(engine: Engine, request: ViewRequest) -> dict[str, Any]:
+def _of_view(engine: Engine, request: ViewRequest, findings: Findings) -> dict[str, Any]:
     """Describe what a picture of one camera would load."""
     view, settings = view_of(engine, request)
     load = view_load(engine.render_scene, view, settings)
+    findings.extend(small_budget(engine, view, settings, load.splats))
     return {
         "camera": view.camera.path or None,
         "frames_everything": request.camera is None,

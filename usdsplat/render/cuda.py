@@ -20,7 +20,6 @@ from usdsplat.render.cuda_nodes import NodeRun, planned
 from usdsplat.render.draw_list import DrawList, Group
 from usdsplat.render.frame_buffers import FrameBuffers
 from usdsplat.render.frame_stats import FrameStats
-from usdsplat.render.lod.cache import MIB
 from usdsplat.render.matte import is_matte
 from usdsplat.render.projector import Projector
 from usdsplat.render.rasterizer import WholeImage
@@ -70,7 +69,7 @@ class ColorPicture:
         """Draw all splats of a view. Return None if they touch too many tiles; a band touches
         fewer."""
         layout, window = projector.layout, projector.window
-        plan = self._planned(layout, projector.settings.node_memory * MIB)
+        plan = self._planned(layout, projector.settings.node_bytes)
         heads = [layout.groups[each.head if isinstance(each, NodeRun) else each] for each in plan]
         groups: list[FrameGroup | FrameNodes] = []
         matrices, sights, parts = [], [], []

@@ -16,6 +16,8 @@ class FrameStats:
     """Number of splats that would be drawn without a budget."""
     visible: int = 0
     """Splats that may touch the data window."""
+    of_trees: int = 0
+    """Number of splats of the finest cut of splat trees in the windows; each instance counts."""
     missing: int = 0
     """Parts of nodes of splat trees that coarser ones replace until they are read."""
     pairs: int = 0

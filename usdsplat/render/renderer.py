@@ -79,7 +79,9 @@ class _Workspace:
         nodes: PictureNodes | None,
     ) -> FrameContext:
         """Return the context of a new picture."""
-        stats = FrameStats(missing=0 if nodes is None else nodes.missing)
+        stats = FrameStats()
+        if nodes is not None:
+            stats = FrameStats(of_trees=nodes.cut.splats, missing=nodes.missing)
         return FrameContext(
             rasterizer=self.rasterizer,
             surface_cache=self.surface_cache,

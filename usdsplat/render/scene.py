@@ -131,12 +131,17 @@ class RenderScene:
             self._fields[path] = Field(spec)
 
     def set_tree(self, path: str, spec: TreeSpec) -> None:
-        """Add the splat tree at `path`, or replace it."""
+        """Add the splat tree at `path`, or replace it. What it has no more is dropped, and read
+        again for other trees that have it."""
         self._forget_order()
-        if path in self._trees:
-            self._trees[path].replace(spec)
-        else:
+        if path not in self._trees:
             self._trees[path] = Tree(spec)
+            return
+        gone = self._trees[path].spec.tokens - spec.tokens
+        self._trees[path].replace(spec)
+        if gone:
+            self.laid = None
+            self.node_cache.drop(lambda key: isinstance(key, tuple) and key[0] in gone)
 
     def set_mesh(self, path: str, spec: MeshSpec) -> None:
         """Add the mesh at `path`, or replace its triangles."""

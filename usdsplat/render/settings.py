@@ -16,6 +16,9 @@ FILE_KNOBS = (
 )  # fmt: skip
 """Knobs of files, which views in a window do not offer."""
 
+NODE_MEMORY = 4096
+"""Memory for nodes of splat trees without any limit [MiB]."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RenderSettings:
@@ -62,10 +65,11 @@ class RenderSettings:
         "are drawn in their place",
     )
     node_memory: int = knob(
-        4096,
-        "memory for the splats of splat trees; those that were used last are kept",
+        0,
+        "memory for the splats of splat trees; those that were used last are kept; 0 is half of "
+        "the command's memory limit, or 4096 without one",
         unit="MiB",
-        range=(1, 2**31 - 1),
+        range=(0, 2**31 - 1),
     )
     node_lifetime: float = knob(
         5.0,
@@ -148,6 +152,11 @@ class RenderSettings:
         "SMPTE time code of the stage's startTimeCode, such as 01:00:00:00; default: frame 0 is "
         "00:00:00:00",
     )
+
+    @property
+    def node_bytes(self) -> int:
+        """Maximum size of the splats of splat trees in memory [byte]."""
+        return (self.node_memory or NODE_MEMORY) << 20
 
     def resolved(self, hints: Iterable[SortingMode]) -> RenderSettings:
         """Return the settings with auto values resolved from the scene.

@@ -45,6 +45,7 @@ SH_COEFFICIENTS_HALF = "radiance:sphericalHarmonicsCoefficientsh"
 
 RASTERIZE_MODE = "splat:rasterizeMode"
 FOOTPRINT = "splat:sampling:footprint"
+PARENTS = "splat:parents"
 PACKING = "splat:packing"
 PACKED = "splat:packed"
 PACKED_HARMONICS = "splat:packedHarmonics"
@@ -61,6 +62,7 @@ NODE_FIRST_ROW = "splat:nodeFirstRow"
 NODE_PROXIES = "splat:nodeProxies"
 NODE_RESIDENTS = "splat:nodeResidents"
 CHUNKS = "splat:chunks"
+CHUNK_DIGESTS = "splat:chunkDigests"
 LOD_PIXEL = "splat:lod:pixel"
 LOD_ROOT = "splat:lod:root"
 """Relationship of a splat tree to the LOD root that stands for it in other renderers."""
@@ -118,7 +120,7 @@ NODE_COLUMNS = {
     NODE_RESIDENTS: "residents",
 }
 """Attribute of a splat tree -> column of its `NodeTable`."""
-TREE_ATTRIBUTES = frozenset({*NODE_COLUMNS, CHUNKS, LOD_PIXEL, SH_DEGREE})
+TREE_ATTRIBUTES = frozenset({*NODE_COLUMNS, CHUNKS, CHUNK_DIGESTS, LOD_PIXEL, SH_DEGREE})
 """Attributes that determine the tree returned by `read_tree`."""
 
 LONG_AGO = -1e6

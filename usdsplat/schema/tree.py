@@ -18,8 +18,9 @@ from usdsplat.core.node_table import NodeTable, check_nodes
 from usdsplat.core.sh import MAX_DEGREE
 from usdsplat.schema import attributes, hints, registration, tokens
 from usdsplat.schema.attributes import Array, set_array, set_uniform
+from usdsplat.schema.chunk_layers import PackedChunk
 from usdsplat.schema.chunks import (
-    PackedChunk,
+    ChunkReader,
     chunk_shape,
     read_chunk,
     read_packed_chunk,
@@ -33,6 +34,7 @@ __all__ = [
     "TREE",
     "PackedChunk",
     "Tree",
+    "author_digests",
     "author_tree",
     "chunk_files",
     "chunk_shape",
@@ -70,6 +72,8 @@ class Tree:
     """Resolved paths of the layers with the splats; "" for one that does not exist."""
     chunk_names: tuple[str, ...]
     """The same as authored."""
+    digests: tuple[str, ...] = ()
+    """Digest that each of these layers must state, "" for any; empty for none."""
     degree: int
     """Degree of the harmonics of all chunks, 0 to 4."""
     color_space: str
@@ -78,6 +82,14 @@ class Tree:
     pixel: float
     """Size of the pixel for which the low-pass filter is part of the proxies [local unit]; 0 if it
     is not."""
+
+    def digest(self, chunk: int) -> str:
+        """Return the digest that a chunk must state; "" for any."""
+        return self.digests[chunk] if self.digests else ""
+
+    def reader(self) -> ChunkReader:
+        """Return a reader of the chunks."""
+        return ChunkReader(self.chunks, self.degree, self.digests)
 
 
 def is_tree(prim: Usd.Prim) -> bool:
@@ -96,7 +108,7 @@ def author_tree(
     drawing: DrawingHints,
     pixel: float = 0.0,
 ) -> Usd.Prim:
-    """Write a splat tree on the stage's edit target.
+    """Write a splat tree on the stage's edit target, without digests of its chunks.
 
     Args:
         stage: The stage; its edit target is written.
@@ -134,6 +146,7 @@ def author_tree(
         set_array(prim, name, kind, to_vt(column, vt_kind), default)
     assets = Sdf.AssetPathArray([Sdf.AssetPath(chunk) for chunk in chunks])
     set_array(prim, tokens.CHUNKS, _Type.AssetArray, assets, default)
+    attributes.silence(prim, [tokens.CHUNK_DIGESTS])  # of an earlier tree at this path
     box = to_vt(_extent(table), Vt.Vec3fArray)
     set_array(prim, tokens.EXTENT, _Type.Float3Array, box, default)
     set_uniform(prim, tokens.LOD_PIXEL, _Type.Float, pixel)
@@ -142,6 +155,22 @@ def author_tree(
     author_color_space(prim, color_space)
     drawing.author(prim)
     return prim
+
+
+def author_digests(prim: Usd.Prim, digests: Sequence[str]) -> None:
+    """Write the digests of the chunks of a tree: a chunk that states another one is not read.
+
+    Args:
+        prim: Result of `author_tree`.
+        digests: One for each chunk, from `chunk_layers.state_digest`; "" for any.
+
+    Raises:
+        UsageError: If there is another number of chunks.
+    """
+    if len(digests) != (chunks := len(_assets(prim))):
+        raise UsageError("digests", str(len(digests)), f"{chunks}, one for each chunk")
+    values, default = Vt.StringArray(digests), Usd.TimeCode.Default()
+    set_array(prim, tokens.CHUNK_DIGESTS, _Type.StringArray, values, default)
 
 
 def read_tree(prim: Usd.Prim) -> Tree:
@@ -168,6 +197,7 @@ def read_tree(prim: Usd.Prim) -> Tree:
         table=table,
         chunks=chunks,
         chunk_names=tuple(asset.path for asset in assets),
+        digests=_digests(prim, len(assets)),
         degree=_degree(prim),
         color_space=hints.color_space(prim),
         drawing=DrawingHints(
@@ -231,6 +261,24 @@ def _assets(prim: Usd.Prim) -> list[Sdf.AssetPath]:
         what = f"a value of type {type(found).__name__}"
         raise StageError(f"{prim.GetPath()}.{tokens.CHUNKS}", what, str(_Type.AssetArray))
     return list(found)
+
+
+def _digests(prim: Usd.Prim, chunks: int) -> tuple[str, ...]:
+    """Return the digests of the chunks; empty without a value.
+
+    Raises:
+        StageError: If the attribute has another type, or another number of values than chunks.
+    """
+    attribute = prim.GetAttribute(tokens.CHUNK_DIGESTS)
+    found = attribute.Get() if attribute else None
+    if found is None:
+        return ()
+    where = f"{prim.GetPath()}.{tokens.CHUNK_DIGESTS}"
+    if not isinstance(found, Vt.StringArray):
+        raise StageError(where, f"a value of type {type(found).__name__}", str(_Type.StringArray))
+    if len(found) not in (0, chunks):
+        raise StageError(where, f"{len(found)} values", f"{chunks}, one for each chunk")
+    return tuple(found)
 
 
 def _resolved(asset: Sdf.AssetPath) -> str:

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from usdsplat.core.cloud import F32, I32, I64, SplatCloud
+from usdsplat.core.progress import phase
 from usdsplat.core.quaternion import to_matrix
 from usdsplat.kernels.device import Device
 from usdsplat.kernels.points.nearest import nearest
@@ -23,7 +24,10 @@ from usdsplat.sim.neighbors import Graph, Neighbors
 from usdsplat.sim.normals import FLAT, grown, oriented
 from usdsplat.sim.parameters import NeighborsParameters, Parameters, SimParameters
 from usdsplat.sim.relaxing import relax, spacing
+from usdsplat.sim.specs import Moment, Recipe
+from usdsplat.sim.state import State
 from usdsplat.sim.support import fitted
+from usdsplat.sim.uses import Uses
 
 MOST = 250_000
 """Largest number of carriers."""
@@ -45,9 +49,9 @@ DENSITY = 4.0
 MOST_POINTS = 256
 """Largest number of points on one ellipse."""
 
-SWEEPS = 20
-"""Number of relaxation sweeps. They are made twice: before and after dropping points that are too
-close on the surface."""
+SWEEPS = 12, 8
+"""Number of relaxation sweeps before and after dropping points that are too close on the
+surface."""
 
 CLOSEST = 0.8
 """Least distance after dropping, as a fraction of the least distance of the first sample."""
@@ -64,6 +68,20 @@ NEAREST = 8
 WIDEN = 1.2
 """Radius of the weights of these carriers, as a multiple of the distance to the farthest."""
 
+ASKED = 20_000
+"""Number of splats whose nearest neighbour shows the distance of all."""
+
+CELL = 1.3
+"""Edge of the cells that measure an area, in distances of points on it."""
+
+CELL_HASH = (73_856_093, 19_349_663_017, 83_492_791_471)
+"""Primes with which cells are numbered; equal numbers of different cells are rare enough."""
+
+PACKED = 0.47
+"""Number of carriers whose distance is the edge of these cells, per occupied cell."""
+
+NEAR, WEIGHTS = "carriers:near", "carriers:weights"
+"""In `State.memory`: carriers that a splat follows and reads, and their weights, (n, 8)."""
 REACH = 3.0
 """Distance to the nearest carrier above which a splat reads none, in spacings."""
 
@@ -76,6 +94,15 @@ class Binding:
     """Carriers, nearest first, -1 for none, shape (n, 8)."""
     weights: F32
     """Weights; rows sum to 1, or to 0 far from all carriers, shape (n, 8)."""
+
+    @classmethod
+    def kept(cls, state: State) -> Binding:
+        """Return what `keep` stored, with a row for each splat that the state has now."""
+        return cls(near=state.memory[NEAR], weights=state.memory[WEIGHTS])
+
+    def keep(self, state: State) -> None:
+        """Store the binding in a state, where it follows births and deaths."""
+        state.memory[NEAR], state.memory[WEIGHTS] = self.near, self.weights
 
     def read(self, device: Device, uv: F32) -> F32:
         """Interpolate u and v of the carriers, shape (c, 2), at the splats, shape (n, 2); (1, 0)
@@ -125,13 +152,14 @@ class Carriers:
         rows = np.flatnonzero(_is_surface(cloud))
         ellipses = _Ellipses.of(cloud, rows)
         sample, closest = _sample(device, ellipses, distance, seed, most)
-        even = _relax(device, sample, closest, seed, target)
+        even = _relax(device, sample, closest, seed, target, SWEEPS[0])
         priority = np.arange(len(even), dtype=np.float32)
         even = even[_poisson_disk(device, even, priority, CLOSEST * closest)]
-        even = _relax(device, even, closest, seed, target)
+        even = _relax(device, even, closest, seed, target, SWEEPS[1])
         neighbors = Neighbors(device, NeighborsParameters(target=target, skin=0.0), seed=seed)
         graph = neighbors.update(even, fitted(neighbors, even, 2))
-        even = even[np.diff(graph.rows)[graph.rank] >= FEWEST]
+        kept = np.diff(graph.rows) >= FEWEST
+        even = even[graph.order[kept]]  # in the order of cells, so that slots are rows
         graph = neighbors.update(even, fitted(neighbors, even, 2))
         normals, surfaceness = grown(device, graph, np.zeros_like(even))
         return cls(
@@ -159,6 +187,32 @@ class Carriers:
             np.float32(WIDEN), weights,
         )  # fmt: skip
         return Binding(near=near, weights=weights)
+
+
+def carriers_of(device: Device, recipe: Recipe, uses: Uses, first: Moment) -> Carriers | None:
+    """Return the carriers of a field, one set for pattern, matter and transport, or None if nothing
+    needs them.
+
+    Args:
+        device: Runs the kernels.
+        recipe: The field.
+        uses: What its simulation needs.
+        first: Values of the stage at the first frame.
+    """
+    p = first.parameters
+    has_pattern = uses.reacts and p.rd.domain == "carrier"
+    if not (has_pattern or uses.coheres or uses.transports):
+        return None
+    distance, most = p.carriers.spacing, MOST
+    if distance <= 0 and has_pattern:
+        distance = p.rd.pattern_scale
+    elif distance <= 0:
+        most = p.carriers.count
+    with phase("carriers", work=len(recipe.rest)):
+        return Carriers.of(
+            device, recipe.rest, distance=distance, seed=p.sim.seed, target=p.neighbors.target,
+            most=most,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -259,7 +313,9 @@ def _poisson_disk(device: Device, points: F32, priority: F32, distance: float) -
     return np.flatnonzero(kept)
 
 
-def _relax(device: Device, points: F32, closest: float, seed: int, target: float) -> F32:
+def _relax(
+    device: Device, points: F32, closest: float, seed: int, target: float, sweeps: int
+) -> F32:
     """Move points along their surface until they are evenly spaced.
 
     All have the same radius: radii that follow density would preserve clusters and gaps.
@@ -269,4 +325,39 @@ def _relax(device: Device, points: F32, closest: float, seed: int, target: float
         sim=SimParameters(seed=seed),
         neighbors=NeighborsParameters(target=target, h_min=radius, h_max=radius),
     )
-    return relax(device, points, None, parameters, SWEEPS)[0]
+    return relax(device, points, None, parameters, sweeps)[0]
+
+
+def expected_spacing(
+    device: Device, cloud: SplatCloud, *, seed: int = 0, most: int = MOST
+) -> float:
+    """Return about the spacing that `Carriers.of` would choose, in a fraction of its time.
+
+    The area of the capture is that of the cells that points on its ellipses are in.
+
+    Args:
+        device: Runs the kernels.
+        cloud: The capture at rest.
+        seed: Seed of the random numbers.
+        most: Largest number of carriers.
+
+    Returns:
+        [unit]; 0 if all splats that are part of a surface are at one point.
+    """
+    rows = np.flatnonzero(_is_surface(cloud))
+    if not len(rows):
+        rows = np.flatnonzero(np.isfinite(cloud.positions).all(axis=1))
+    ellipses = _Ellipses.of(cloud, rows)
+    some = ellipses.centres[:: max(1, len(rows) // ASKED)]
+    apart = nearest(device, ellipses.centres, some, 2)[1][:, -1]
+    apart = apart[np.isfinite(apart) & (apart > 0)]
+    if not len(apart):
+        return 0.0
+    distance = float(np.median(apart))
+    drawn = int(ellipses.counts(distance).sum())
+    cell = CELL * distance * math.sqrt(max(1.0, drawn / (4 * most)))
+    points, _ = ellipses.points(device, cell / CELL, seed)
+    x, y, z = np.floor(points / np.float32(cell)).astype(np.int64).T
+    occupied = len(np.unique(x * CELL_HASH[0] ^ y * CELL_HASH[1] ^ z * CELL_HASH[2]))
+    wanted = PACKED * occupied * (cell / distance) ** 2
+    return PER_DISTANCE * distance * math.sqrt(max(1.0, wanted / most))

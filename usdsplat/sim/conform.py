@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -13,13 +12,13 @@ from usdsplat.core.cloud import F32, I32, I64
 from usdsplat.core.progress import phase
 from usdsplat.kernels.device import Device
 from usdsplat.kernels.sim import conform as kernels
-from usdsplat.kernels.sim.facets import measure, smooth
 from usdsplat.sim.closest import Hits, Triangles
 from usdsplat.sim.fitting import growth, heights
 from usdsplat.sim.neighbors import nearest
 from usdsplat.sim.parameters import ConformParameters, Parameters
 from usdsplat.sim.relaxing import relax
 from usdsplat.sim.specs import Surface
+from usdsplat.sim.target_mesh import TargetMesh
 
 NEIGHBORS = 16
 """Number of neighbours of a splat that define its spacing, and the capture's surface around it."""
@@ -50,19 +49,6 @@ _NOTHING = (
     np.zeros(0, np.int32), np.zeros((0, 3), np.float32), np.zeros((0, 3), np.float32),
     np.zeros(0, np.float32),
 )  # fmt: skip
-
-
-@dataclass(slots=True, eq=False, kw_only=True)
-class _Target:
-    """The mesh at one time."""
-
-    surface: Surface
-    tree: Triangles
-    starts: I64
-    around: I32
-    normals: F32
-    frames: F32
-    sizes: F32
 
 
 class Conform:
@@ -96,7 +82,7 @@ class Conform:
         self._rest, self._ids, self._select = positions, ids, select
         self._axes, self._flats = _shape(rotations, scales)
         self._memory: dict[str, npt.NDArray[Any]] = {}
-        self._target: _Target | None = None
+        self._target: TargetMesh | None = None
 
     def __len__(self) -> int:
         return len(self._rest)
@@ -207,39 +193,17 @@ class Conform:
             slide,
         )  # fmt: skip
 
-    def _update_target(self, surface: Surface) -> _Target:
+    def _update_target(self, surface: Surface) -> TargetMesh:
         """Update the target's positions, if it has moved."""
-        mesh = self._target
-        if mesh is None:
-            tree = Triangles(self._device, surface)
-            t, corners = len(surface.triangles), surface.triangles.reshape(-1)
-            starts = np.zeros(len(surface.points) + 1, np.int64)
-            np.cumsum(np.bincount(corners, minlength=len(surface.points)), out=starts[1:])
-            mesh = _Target(
-                surface=surface,
-                tree=tree,
-                starts=starts,
-                around=np.argsort(corners, kind="stable").astype(np.int32),
-                normals=np.empty((t, 3, 3), np.float32),
-                frames=np.empty((t, 4), np.float32),
-                sizes=np.empty(t, np.float32),
-            )
-        elif mesh.surface is surface or np.array_equal(mesh.surface.points, surface.points):
-            return mesh
+        if self._target is None:
+            self._target = TargetMesh(self._device, surface)
         else:
-            mesh.tree.refit(surface)
-        flat, angles = np.empty_like(mesh.frames[:, :3]), np.empty_like(mesh.frames[:, :3])
-        points, triangles = surface.points, surface.triangles
-        self._device.run(measure, points, triangles, flat, angles, mesh.frames, mesh.sizes)
-        around = mesh.starts, mesh.around
-        self._device.run(smooth, triangles, *around, flat, angles, mesh.normals)
-        mesh.surface = surface
-        self._target = mesh
-        return mesh
+            self._target.update(surface)
+        return self._target
 
     # --- what splats are bound to ---------------------------------------------------------
 
-    def _bind(self, mesh: _Target, positions: F32, gradient: F32) -> None:
+    def _bind(self, mesh: TargetMesh, positions: F32, gradient: F32) -> None:
         """Bind the splats that are not bound yet."""
         n = len(positions)
         is_first = not self._memory
@@ -261,7 +225,7 @@ class Conform:
             self._bind_rows(mesh, rows, positions, gradient, is_first=is_first)
 
     def _bind_rows(
-        self, mesh: _Target, rows: Rows, positions: F32, gradient: F32, *, is_first: bool
+        self, mesh: TargetMesh, rows: Rows, positions: F32, gradient: F32, *, is_first: bool
     ) -> None:
         """Bind some splats."""
         n, kept = len(positions), self._memory
@@ -303,16 +267,10 @@ class Conform:
             hits = _choose(nearer.faces >= 0, nearer, hits)
         return hits
 
-    def _spread(self, mesh: _Target, hits: Hits) -> Hits:
+    def _spread(self, mesh: TargetMesh, hits: Hits) -> Hits:
         """Return as many points, evenly distributed over the target."""
 
-        def onto(points: F32) -> tuple[F32, F32]:
-            found = mesh.tree.closest(points)
-            ups = np.einsum("nk,nki->ni", found.weights, mesh.normals[found.faces])
-            ups /= np.maximum(np.linalg.norm(ups, axis=1, keepdims=True), np.float32(1e-30))
-            return found.points, ups
-
-        spread, _ = relax(self._device, hits.points, None, self._all, SWEEPS, onto, dimension=2)
+        spread, _ = relax(self._device, hits.points, None, self._all, SWEEPS, mesh.onto)
         return mesh.tree.closest(spread)
 
     def _rank(self, hits: Hits) -> None:
@@ -326,7 +284,7 @@ class Conform:
             self._device.run(kernels.draw_ranks, self._all.sim.seed, self._ids, ranks)
         self._memory["ranks"] = ranks
 
-    def _slide(self, mesh: _Target, positions: F32, way: F32) -> tuple[I32, F32, F32, F32]:
+    def _slide(self, mesh: TargetMesh, positions: F32, way: F32) -> tuple[I32, F32, F32, F32]:
         """Return the mesh points nearest to straight paths.
 
         Returns:

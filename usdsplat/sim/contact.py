@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -13,10 +14,10 @@ from usdsplat.kernels.device import Device
 from usdsplat.kernels.sim.blend_solids import BLOCK, SWEPT
 from usdsplat.kernels.sim.contact import COUNTS, contact
 from usdsplat.kernels.sim.sweep import sweep
-from usdsplat.sim.bodies import pack_bodies
+from usdsplat.sim.bodies import Bodies, pack_bodies
 from usdsplat.sim.fields import Fields
 from usdsplat.sim.specs import Affector
-from usdsplat.sim.state import State
+from usdsplat.sim.state import PINNED, State
 
 SINCE = "contact:since"
 """In `State.memory`: time since each splat's last contact [s], inf for none."""
@@ -45,6 +46,22 @@ class ContactCounts:
     """Splats that are still inside, between solids without a way out."""
 
 
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Particles:
+    """n particles as affectors see them; arrays of the host or of the device."""
+
+    flags: Any
+    """See `State.flags`, shape (n,)."""
+    sizes: Any
+    """Standard deviations in which clearance is measured [unit], shape (n, 3)."""
+    positions: Any
+    """[unit], shape (n, 3)."""
+    velocities: Any
+    """[unit/s], shape (n, 3)."""
+    since: Any
+    """Time since the last contact [s], shape (n,)."""
+
+
 class Contacts:
     """Collisions with all affectors of one simulation.
 
@@ -64,52 +81,86 @@ class Contacts:
         before: Sequence[Affector],
         after: Sequence[Affector],
         dt: float,
+        *,
+        weight: F32 | None = None,
     ) -> ContactCounts:
         """End a substep: change `positions`, `velocities` and `memory[SINCE]` of the state.
 
-        Pinned splats stay. All others end outside every enabled affector of the role collide, at
-        least by its clearance times their size at rest. The current size is not used, because a
-        contact that stretches a splat would then push it farther away.
+        Pinned splats stay, and those without a weight. All others end outside every enabled
+        affector of the role collide, at least by its clearance times their size at rest. The
+        current size is not used, because a contact that stretches a splat would then push it
+        farther away.
 
         Args:
             started: Positions at the start of the substep [unit], shape (n, 3).
             before, after: All affectors at its start and its end.
             dt: Its duration [s].
+            weight: Selection weight of each splat, shape (n,); None selects all.
 
         Raises:
             StageError, UsageError: If a mesh has no distance field, as `bake_field`.
         """
         since = contact_times(state)
+        bodies = self.packed(before, after, dt)
+        if not len(bodies) or not len(state):
+            return ContactCounts()
+        flags = state.flags
+        if weight is not None:
+            flags = np.where(weight > 0, flags, flags | np.uint32(PINNED))
+        particles = Particles(
+            flags=flags, sizes=_sizes(state), positions=state.positions,
+            velocities=state.velocities, since=since,
+        )  # fmt: skip
+        counts, strikes = self.push(bodies, started, particles, dt)
+        touched, marched, trapped = (int(each) for each in self._device.fetch(counts).sum(axis=0))
+        return ContactCounts(
+            touched=touched,
+            struck=int(self._device.fetch(strikes).sum()),
+            marched=marched,
+            trapped=trapped,
+        )
+
+    def packed(self, before: Sequence[Affector], after: Sequence[Affector], dt: float) -> Bodies:
+        """Return the solids that collide; for the arguments see `step`."""
         pairs = [
             (old, new)
             for old, new in zip(before, after, strict=True)
             if new.parameters.enabled and new.parameters.role == "collide"
         ]
-        bodies = pack_bodies(self._fields, [old for old, _ in pairs], [new for _, new in pairs], dt)
-        if not len(bodies) or not len(state):
-            return ContactCounts()
-        blocks = -(-len(state) // BLOCK)
+        return pack_bodies(self._fields, [old for old, _ in pairs], [new for _, new in pairs], dt)
+
+    def push(self, bodies: Bodies, started: Any, particles: Particles, dt: float) -> Any:
+        """Move particles out of solids; their positions, velocities and `since` change.
+
+        Args:
+            bodies: Result of `packed`, not empty.
+            started: Positions at the start of the substep [unit], shape (n, 3).
+            particles: At its end; arrays of the host or of the device.
+            dt: Its duration [s].
+
+        Returns:
+            Counts of each block, shape (blocks, COUNTS), and hits, shape (blocks,), on the device.
+        """
+        n = particles.positions.shape[0]
+        blocks = -(-n // BLOCK)
         near = self._device.resident((blocks, len(bodies)), np.int32)
         table, fields = bodies.table, (bodies.fields.headers, bodies.fields.voxels, float(dt))
-        struck = np.zeros(len(state), np.uint8)
+        struck = self._device.move(np.zeros(n, np.uint8))
         arrays = (
-            started, state.flags, _sizes(state), state.positions, state.velocities, since, struck,
-            near,
+            started, particles.flags, particles.sizes, particles.positions, particles.velocities,
+            particles.since, struck, near,
         )  # fmt: skip
-        strikes = np.zeros(blocks, np.int64)
+        strikes = self._device.move(np.zeros(blocks, np.int64))
         if table[:, SWEPT].any():
             self._device.run(sweep, table, *fields, bodies.clearance, *arrays, strikes)
-        counts = self._device.empty((blocks, COUNTS), np.int64)
+        counts = self._device.resident((blocks, COUNTS), np.int64)
         least = LEAST * bodies.size if np.isfinite(bodies.size) else 0.0
         everyone = np.arange(len(bodies), dtype=np.int32)
         self._device.run(
             contact, table, everyone, *fields, bodies.blend, bodies.clearance, least, *arrays,
             counts,
         )  # fmt: skip
-        touched, marched, trapped = (int(total) for total in counts.sum(axis=0))
-        return ContactCounts(
-            touched=touched, struck=int(strikes.sum()), marched=marched, trapped=trapped
-        )
+        return counts, strikes
 
 
 def _sizes(state: State) -> F32:

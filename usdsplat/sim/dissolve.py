@@ -22,6 +22,7 @@ from usdsplat.kernels.device import Device
 from usdsplat.kernels.sim import dissolve as kernels
 from usdsplat.sim.flight import from_world
 from usdsplat.sim.parameters import DissolveParameters, ParticlesParameters
+from usdsplat.sim.settle import SPEEDS
 from usdsplat.sim.state import FREE, PINNED, State
 
 TIMES, GONE = "dissolve:times", "dissolve:gone"
@@ -203,6 +204,7 @@ class Dissolve:
         """
         back = from_world(to_world)
         push = back @ particles.gravity + particles.drag * (back @ particles.wind)
+        flew = state.flags & FREE
         self.device.run(
             kernels.come,
             state.positions,
@@ -220,6 +222,9 @@ class Dissolve:
             PINNED,
             self.seed,
         )
+        if SPEEDS in state.memory:  # splats that have arrived move with their targets
+            there = (flew & ~state.flags) != 0
+            state.velocities[there] = state.memory[SPEEDS][there]
 
     def fades(self, state: State, *, now: float) -> tuple[F32, F32]:
         """Return the factors of opacity and size, each of shape (n,).

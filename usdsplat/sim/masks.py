@@ -36,6 +36,8 @@ AT_REST = "@rest"
 """End of the names of masks that are evaluated at rest positions although they ask for others."""
 ROWS = "mask-rows"
 """In `State.memory`: row of the capture whose primvars a splat has, int32, shape (n,)."""
+FOREIGN = -1
+"""Row of splats that are not of the capture, and have none of its primvars."""
 IMPLICIT = ":"
 """Lead of the names of masks that are made of other attributes than those of SplatSimMaskAPI; they
 are not limited to the ranges of parameters."""
@@ -72,7 +74,7 @@ class Sites:
     ages: F32
     """[s], shape (n,)."""
     rows: I32 | None
-    """Row of the capture of each, shape (n,); None where they are the capture's."""
+    """Row of the capture of each, or FOREIGN, shape (n,); None where they are the capture's."""
     seconds: float
     """Time since the simulation's start [s]."""
 
@@ -120,6 +122,12 @@ class Masks:
                 sites = _sites(state, seconds, at_rest=key.endswith(AT_REST))
                 kept = self._kept[key] = (every, self.values(masks, name, sites))
             state.memory[KEPT + key] = kept[1]
+
+    def append_joined(self, state: State, count: int) -> None:
+        """Let the last `count` rows of a state, which are of another capture, have no primvars of
+        this one: masks of source primvar are 1 there."""
+        if ROWS in state.memory:
+            state.memory[ROWS][len(state) - count :] = FOREIGN
 
     def factor(
         self, state: State, moment: Moment, knob: str, parameters: object = None
@@ -209,6 +217,8 @@ class Masks:
         out = np.empty(len(points), np.float32)
         if source == "primvar" and mask.primvar is not None:
             out[:] = mask.primvar if sites.rows is None else mask.primvar[sites.rows]
+            if sites.rows is not None:
+                out[sites.rows == FOREIGN] = 1
         elif source == "noise":
             shape = np.linalg.inv(mask.frame)[:3] / p.size
             time, seed = float(p.speed * sites.seconds), np.uint32(p.seed)

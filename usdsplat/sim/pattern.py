@@ -16,6 +16,7 @@ from usdsplat.kernels.device import Device
 from usdsplat.sim import support as supports
 from usdsplat.sim.carriers import Binding, Carriers
 from usdsplat.sim.closest import Triangles
+from usdsplat.sim.front import Front
 from usdsplat.sim.influence import Influence
 from usdsplat.sim.neighbors import Neighbors, nearest
 from usdsplat.sim.normals import axes, captured, grown, manifold_dimension
@@ -24,14 +25,13 @@ from usdsplat.sim.relaxing import Projection, relax
 from usdsplat.sim.seeds import nuclei, plant, untouched
 from usdsplat.sim.specs import Moment, Surface
 from usdsplat.sim.state import State
+from usdsplat.sim.styles import reaction_of
 from usdsplat.sim.support import Neighborhood
 from usdsplat.sim.uses import Uses
 
-NORMALS, NEAR, WEIGHTS, CROWDING, REST_SUPPORT = (
-    f"pattern:{name}" for name in ("normals", "near", "weights", "crowding", "support")
-)
-"""In `State.memory`: normals at rest, (n, 3); carriers that a splat reads and their weights, (n,
-8); number of neighbours relative to the target, and initial radius of the neighbourhood, (n,)."""
+NORMALS, CROWDING, REST_SUPPORT = (f"pattern:{name}" for name in ("normals", "crowding", "support"))
+"""In `State.memory`: normals at rest, (n, 3); number of neighbours relative to the target, and
+initial radius of the neighbourhood, (n,)."""
 UV, SHAPE, RESOLVED, _LISTS = "pattern:uv", "pattern:shape", "pattern:resolved", "neighbors:"
 """In `State.globals`: u and v of the carriers; dimension and usual support; automatic parameters;
 neighbour lists."""
@@ -48,9 +48,17 @@ class Pattern:
         rest: The capture.
         uses: What the simulation needs.
         first: The values of the stage at the first frame.
+        carriers: Carriers of the field, if the reaction runs on them.
     """
 
-    def __init__(self, device: Device, rest: SplatCloud, uses: Uses, first: Moment) -> None:
+    def __init__(
+        self,
+        device: Device,
+        rest: SplatCloud,
+        uses: Uses,
+        first: Moment,
+        carriers: Carriers | None = None,
+    ) -> None:
         p = first.parameters
         self._device, self._uses, self._seed = device, uses, p.sim.seed
         self._needs_graph = uses.needs_neighbors or uses.needs_normals or p.rd.domain == "self"
@@ -63,11 +71,8 @@ class Pattern:
         self.usual_support = 0.0
         """Median radius of a neighbourhood at the beginning [unit]."""
         if uses.reacts and p.rd.domain == "carrier":
-            with phase("carriers", work=len(rest)):
-                self._carriers = Carriers.of(
-                    device, rest, distance=p.rd.pattern_scale, seed=p.sim.seed,
-                    target=p.neighbors.target,
-                )  # fmt: skip
+            assert carriers is not None
+            self._carriers = carriers
             self._from = nearest(device, rest.positions, self._carriers.positions, 1)[0][:, 0]
             self._ids = np.arange(len(rest)) if rest.ids is None else rest.ids
 
@@ -89,9 +94,6 @@ class Pattern:
         if not self._uses.reacts:
             return
         if self._carriers is not None:
-            with phase("binding to the carriers", work=len(state)):
-                bound = self._carriers.bind(self._device, state.rest_positions)
-            state.memory[NEAR], state.memory[WEIGHTS] = bound.near, bound.weights
             uv = untouched(len(self._carriers))
             reaction = self._current_reaction(state, first)
             places, ids, selection = self._carriers.positions, None, state.weight[self._from]
@@ -99,11 +101,14 @@ class Pattern:
             uv = untouched(len(state))
             reaction = self._current_reaction(state, first)
             places, ids, selection = state.rest_positions, state.ids, state.weight
-        weight = nuclei(
-            self._device, places, p.rd, reaction.scale, seed=self._seed, ids=ids,
-            selection=selection, graph=reaction.graph,
-        )  # fmt: skip
-        plant(self._device, uv, weight)
+        if self._carriers is not None and p.rd.front_speed > 0:
+            Front(self._device, self._carriers, p.rd, self._seed).begin(state, selection)
+        else:
+            weight = nuclei(
+                self._device, places, p.rd, reaction.scale, seed=self._seed, ids=ids,
+                selection=selection, graph=reaction.graph,
+            )  # fmt: skip
+            plant(self._device, uv, weight)
         self._store(state, uv)
         found[:2] = reaction.scale, reaction.subdivisions
 
@@ -184,6 +189,8 @@ class Pattern:
         state: State,
         moment: Moment,
         influence: Influence,
+        now: float,
+        *,
         feed_factor: F32 | None = None,
         kill_factor: F32 | None = None,
     ) -> None:
@@ -193,16 +200,20 @@ class Pattern:
             state: The splats.
             moment: Values of the stage.
             influence: Effects of affectors.
+            now: Time since the start [s].
             feed_factor, kill_factor: Factors of the rates at the splats, shape (n,).
         """
         reaction = self._current_reaction(state, moment)
-        reaction.adopt(moment.parameters.rd)
+        reaction.adopt(reaction_of(moment.parameters))
         if reaction.subdivisions > MOST_PARTS:
             found = f"{reaction.scale:g}, {reaction.scale / reaction.spacing:.0f} spacings"
             expected = "a few spacings: larger units need more and smaller steps"
             raise StageError("splatSim:rd:patternScale", found, expected)
         uv: F32 = state.globals[UV] if self._carriers is not None else state.uv
         seed, feed = (self._at_carriers(state, each) for each in (influence.seed, influence.feed))
+        rd = moment.parameters.rd
+        if self._carriers is not None and rd.front_speed > 0:
+            seed = Front(self._device, self._carriers, rd, self._seed).reached(state, seed, now)
         if seed is not None:
             uv = uv.copy()
             plant(self._device, uv, seed)
@@ -253,7 +264,7 @@ class Pattern:
     def _current_reaction(self, state: State, moment: Moment) -> Reaction:
         """Return the reaction on the points as they are now."""
         p = moment.parameters
-        rd = p.rd
+        rd = reaction_of(p)
         if self._carriers is not None:
             if self._reaction is None:
                 c = self._carriers
@@ -280,8 +291,7 @@ class Pattern:
             state.uv = uv
             return
         state.globals[UV] = uv
-        bound = Binding(near=state.memory[NEAR], weights=state.memory[WEIGHTS])
-        state.uv = bound.read(self._device, uv)
+        state.uv = Binding.kept(state).read(self._device, uv)
 
     def _at_carriers(self, state: State, values: F32 | None) -> F32 | None:
         """Return values per splat at the points of the reaction."""

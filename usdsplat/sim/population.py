@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from usdsplat.core.cloud import F32, I64
+from usdsplat.core.cloud import F32, I64, SplatCloud
 from usdsplat.kernels.device import Device
 from usdsplat.kernels.sim import population as kernels
+from usdsplat.sim.carriers import NEAR
 from usdsplat.sim.parameters import GrowthParameters
 from usdsplat.sim.state import ALIVE, BORN, DYING, FREE, PINNED, State
 from usdsplat.sim.support import Neighborhood
@@ -127,11 +128,10 @@ def births(
     if not len(parents):
         return parents
     _remembered(state, SPLIT, NEVER)
-    rows = np.concatenate([np.arange(n), parents])
     ids = state.ids
     frame: list[npt.NDArray[Any]]
     frame = [ids, state.support, neighborhood.normals, state.rotations, state.rest_rotations]
-    _take(state, rows)
+    append(state, parents, now=step.now)
     device.run(
         kernels.put,
         device.upload(parents),
@@ -145,10 +145,6 @@ def births(
     )
     for opacities in (state.opacities, state.rest_opacities):
         opacities[parents] = opacities[n:] = _halved(opacities[parents])
-    state.ids[n:] = state.next_id + np.arange(len(parents))
-    state.next_id += len(parents)
-    state.parents[n:] = ids[parents]
-    state.births[n:] = step.now
     state.flags[n:] |= BORN
     state.memory[PROGRESS][n:] = 0
     state.memory[SPLIT][parents] = step.now
@@ -156,6 +152,22 @@ def births(
     if HUNGRY in state.memory:
         state.memory[HUNGRY][n:] = 0
     return parents
+
+
+def append(state: State, parents: I64, *, now: float) -> None:
+    """Append a copy of a row for each of its children, with identities that continue in order.
+
+    Args:
+        state: All of its arrays are replaced.
+        parents: Rows of the parents, shape (b,).
+        now: Time since the simulation's start [s].
+    """
+    n, ids = len(state), state.ids
+    _take(state, np.concatenate([np.arange(n), parents]))
+    state.ids[n:] = state.next_id + np.arange(len(parents))
+    state.next_id += len(parents)
+    state.parents[n:] = ids[parents]
+    state.births[n:] = now
 
 
 def deaths(state: State, growth: GrowthParameters, *, now: float, dt: float) -> I64 | None:
@@ -191,6 +203,45 @@ def deaths(state: State, growth: GrowthParameters, *, now: float, dt: float) -> 
     left: I64 = np.flatnonzero(~is_gone).astype(np.int64)
     _take(state, left)
     return left
+
+
+def join(state: State, cloud: SplatCloud, *, now: float) -> None:
+    """Append the splats of another capture as the last rows, with new identities.
+
+    They have no carriers, and are no children: they neither grow nor age.
+
+    Args:
+        state: All of its arrays may be replaced. Its harmonics have at least the cloud's degree.
+        cloud: The other capture.
+        now: Time since the simulation's start [s].
+    """
+    n, m = len(state), len(cloud)
+    _take(state, np.concatenate([np.arange(n), np.zeros(m, np.int64)]))
+    sh = padded(cloud.sh, state.rest_sh.shape[1])
+    given = {
+        "positions": cloud.positions, "rotations": cloud.rotations, "scales": cloud.scales,
+        "opacities": cloud.opacities, "sh": sh,
+    }  # fmt: skip
+    for name, array in given.items():
+        getattr(state, name)[n:] = array
+        getattr(state, f"rest_{name}")[n:] = array
+    for key, array in state.memory.items():
+        if array.dtype.kind in "fu" and key != NEAR:
+            array[n:] = 0
+    state.velocities[n:] = 0
+    state.uv[n:] = (1, 0)
+    state.weight[n:] = 1
+    state.flags[n:] = ALIVE
+    state.parents[n:] = -1
+    state.births[n:] = now
+    state.ids[n:] = state.next_id + np.arange(m)
+    state.next_id += m
+
+
+def padded(sh: F32, count: int) -> F32:
+    """Return harmonics with `count` coefficients or more, shape (n, k, 3); new ones are 0."""
+    missing = max(0, count - sh.shape[1])
+    return np.pad(sh, ((0, 0), (0, missing), (0, 0))) if missing else sh
 
 
 def fades(state: State, growth: GrowthParameters, *, now: float) -> tuple[F32, F32]:

@@ -49,14 +49,21 @@ SIMULATION = SchemaClass(
     "the prims that act on them; if it is empty, these are all prims with SplatAffectorAPI. The "
     "API schemas applied to this prim select what is simulated. Lengths are in units of the "
     "simulation's space.",
-    groups=("sim", "neighbors"),
+    groups=("sim", "neighbors", "carriers"),
 )
 
 SINGLE = (
     SchemaClass(
+        name="SplatSimRefineAPI",
+        doc="Refinement: splats that are too large for what happens to them are divided into "
+        "children that look like them, before the first frame and where they are stretched. The "
+        "refined capture is a layer of its own, between the capture and the results.",
+        groups=("refine",),
+    ),
+    SchemaClass(
         name="SplatSimGrowthAPI",
         doc="A pattern on the splats, and growth, births and deaths that depend on it.",
-        groups=("rd", "relax", "growth"),
+        groups=("rd", "relax", "growth", "accretion"),
         relationships=(
             ("relax:surface", "Mesh that splats stay on while they are redistributed evenly."),
         ),
@@ -65,6 +72,11 @@ SINGLE = (
         name="SplatSimSettleAPI",
         doc="Return of splats to their target positions after a push.",
         groups=("settle",),
+    ),
+    SchemaClass(
+        name="SplatSimMatterAPI",
+        doc="Cohesion of splats: they move as matter that bends, stretches, flows and tears.",
+        groups=("matter",),
     ),
     SchemaClass(
         name="SplatSimConformAPI",
@@ -245,7 +257,8 @@ def _attribute(lead: str, item: Knob) -> str:
     """Return the declaration of one knob."""
     uniform = "uniform " if item.uniform else ""
     name = f"{lead}{camel(item.name)}"
-    lines = [f"    {uniform}{usd_type(item)} {name} = {_literal(item.default, usd_type(item))} (\n"]
+    line = f"    {uniform}{usd_type(item)} {name} = {_literal(item.default, usd_type(item))} (\n"
+    lines = [line if len(line) <= 100 else line.replace(" = [", " = [\n        ")]
     if item.choices is not None:
         tokens = ", ".join(f'"{choice}"' for choice in item.choices)
         lines += [f"        {line}\n" for line in _folded(f"allowedTokens = [{tokens}]")]
@@ -275,7 +288,8 @@ def _literal(value: Any, type_name: str = "") -> str:
     if isinstance(value, str):
         return f'"{value}"'
     inner = ", ".join(_literal(part) for part in value)
-    return f"({inner})" if value else "[]"
+    is_array = not value or isinstance(value[0], tuple)
+    return f"[{inner}]" if is_array else f"({inner})"
 
 
 if __name__ == "__main__":

@@ -50,6 +50,8 @@ def nuclei(
     """
     n, density = len(positions), parameters.seed_density
     result = np.zeros(n, np.float32)
+    if parameters.seed_mode == "affectors":
+        return result
     if parameters.seed_mode == "selection":
         return result + 1 if selection is None else (selection > 0.5).astype(np.float32)
     if n == 0 or density <= 0:

@@ -8,7 +8,8 @@ of steps: times are computed from it and never accumulated.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -18,20 +19,17 @@ from usdsplat.core.cloud import F32, I64
 from usdsplat.core.errors import StageError
 from usdsplat.core.findings import Finding
 from usdsplat.kernels.device import Device
-from usdsplat.sim import population
-from usdsplat.sim.contact import Contacts
+from usdsplat.sim import population, styles
 from usdsplat.sim.dissolve import Dissolve
 from usdsplat.sim.flight import MASKED, fly
-from usdsplat.sim.frame_state import Fades, FrameEvaluator, turned
-from usdsplat.sim.influence import Influence, Influences
-from usdsplat.sim.masks import Masks
-from usdsplat.sim.pattern import Pattern
+from usdsplat.sim.frame_state import Fades
+from usdsplat.sim.influence import Influence
+from usdsplat.sim.parts import Parts
 from usdsplat.sim.settle import SPEEDS, settle_back
 from usdsplat.sim.specs import Moment, Recipe
-from usdsplat.sim.state import FREE, PINNED, Frame, State
-from usdsplat.sim.strain import Strain
-from usdsplat.sim.target_pose import TargetPose
+from usdsplat.sim.state import FREE, Frame, State
 from usdsplat.sim.timeline import Step, Timeline
+from usdsplat.sim.turnover import accrete, breed, join
 from usdsplat.sim.uses import Uses
 
 Lap = Callable[[str], None]
@@ -50,6 +48,9 @@ class Solver:
         start: The first frame [time code].
         state: State to continue from, made by `checkpoint`; None starts anew.
         lap: Receives the name of each piece of work, for timing.
+        limit: Standard deviation above which splats are large [unit]; they are divided while they
+            move, if the parameters ask for it.
+        parents: Ids of the parents of the field's splats, -1 for none, shape (n,); None for none.
 
     Raises:
         StageError: If something on the stage cannot be simulated.
@@ -64,6 +65,8 @@ class Solver:
         start: float,
         state: State | None = None,
         lap: Lap = lambda name: None,
+        limit: float = math.inf,
+        parents: I64 | None = None,
     ) -> None:
         rest = recipe.rest
         if not len(rest):
@@ -74,14 +77,12 @@ class Solver:
         self._seed, self._dt = sim.seed, self._timeline.dt
         first = recipe.at(self._timeline.time(0))
         self.state = State.of(rest, recipe.selection) if state is None else state
-        self._is_fixed = not (uses.grows or uses.has_births)
-        self._masks = Masks(device, is_fixed=self._is_fixed)
-        self._target_pose = TargetPose(device, recipe, first, self._masks)
-        self._pattern = Pattern(device, rest, uses, first)
-        self._contacts = Contacts(device)
-        self._influences = Influences(device)
-        strain = Strain(device, is_fixed=self._is_fixed) if uses.collides else None
-        self._evaluator = FrameEvaluator(device, strain, self._masks)
+        if state is None and parents is not None:
+            self.state.parents = parents
+        self._is_fixed = not (uses.grows or uses.varies)
+        self._parts = parts = Parts.of(device, recipe, uses, first)
+        self._masks, self._target_pose = parts.masks, parts.target_pose
+        self._pattern, self._matter = parts.pattern, parts.matter
         self.trapped = 0
         """Largest number of splats that one step could not move out of the affectors."""
         self._last_on = -1
@@ -89,11 +90,9 @@ class Solver:
         self._moment = first
         """Values of the stage at that step, or at the first frame."""
         if state is None:
-            self._masks.begin(self.state, first)
-            self._pattern.begin(self.state, first)
+            parts.begin(device, self.state, first)
         else:
-            self._target_pose.restore(state)
-            self._pattern.restore(state)
+            parts.restore(state)
         if uses.dissolves:
             Dissolve.of(
                 device, self.state, first.parameters.dissolve, seed=self._seed,
@@ -146,9 +145,11 @@ class Solver:
             uv = state.uv.copy()
             return Frame(time=self.time, cloud=captured, uv=uv, births=state.births.copy())
         wanted, gradient = self._target_pose.at(state, moment, self.seconds, gradient=True)
-        frame = self._evaluator.frame(
+        if self._matter is not None:
+            wanted, gradient = self._matter.carried(state, moment, wanted, gradient)
+        frame = self._parts.evaluator.frame(
             state,
-            moment,
+            self._target_pose.stretched(moment),
             wanted,
             gradient,
             normals=self._pattern.normals(state),
@@ -156,6 +157,7 @@ class Solver:
             fades=self._fades(moment),
             seconds=self.seconds,
         )
+        frame = self._target_pose.recolored(frame)
         self._lap("shape")
         if self._last_on == state.step:
             return frame
@@ -164,8 +166,7 @@ class Solver:
 
     def checkpoint(self) -> State:
         """Return the state with everything needed to continue from it, bit for bit."""
-        self._target_pose.remember(self.state)
-        self._pattern.remember(self.state)
+        self._parts.remember(self.state)
         if self.has_begun:
             self.state.globals[SEEN] = np.array(self._last_on)
         return self.state
@@ -196,6 +197,8 @@ class Solver:
         self._targets = self._target_pose.at(state, moment, self.seconds)[0]
         state.positions = self._targets.copy()
         self._masks.update(state, moment, self.seconds)  # those at current positions
+        if self._matter is not None:
+            self._matter.begin(moment, self.seconds)
         if self._uses.deforms:
             state.memory[SPEEDS] = np.zeros_like(state.positions)
         self._influence = self._influence_of(moment)
@@ -219,6 +222,8 @@ class Solver:
             before = self._recipe.at(line.time(state.step - 1))
             seconds = line.seconds(state.step - 1)
             self._targets = self._target_pose.at(state, before, seconds)[0]
+        if self._uses.joins:
+            self._join(after, line.seconds(state.step))
         self._moment, self._last_on = after, state.step
         sim, step = after.parameters.sim, Step(self.seconds, self._dt, self._seed)
         now, dt = step.now, step.dt
@@ -233,8 +238,12 @@ class Solver:
         if dissolve is not None and not assembles:
             dissolve.follow(state, now=now)
             if dissolve.is_due(state, now=now):
-                dissolve.release(state, self._target_normals(after), now=now)
-        if assembles or not after.parameters.particles.enabled:
+                dissolve.release(state, self._parts.normals(state, after, now), now=now)
+        if self._matter is not None:
+            self._matter.advance(before, after, step)
+            if line.is_frame(state.step):
+                self._matter.place(state, after, wanted, line.substeps * dt)
+        elif assembles or not after.parameters.particles.enabled:
             settle_back(
                 self._device, state, self._targets, wanted, after.parameters.settle, dt,
                 max_speed=sim.max_speed, factor=self._factor(after, "settle:omega"),
@@ -251,7 +260,21 @@ class Solver:
         if self._uses.reacts or self._uses.needs_neighbors:
             started = self._update_population(after, step, influence, started, is_first=is_first)
         self._place(after, now)
-        self._contact(started, before, after)
+        if self._matter is None:
+            self._contact(started, before, after)
+        elif line.is_frame(state.step):  # splats must end outside; their carriers were pushed
+            solid = self._matter.affectors(after)
+            self._contact(state.positions.copy(), solid, solid)
+
+    def _join(self, moment: Moment, now: float) -> None:
+        """Let the splats of another capture join, when they begin to appear."""
+        state, n = self.state, len(self.state)
+        if not join(self._parts, state, moment, now):
+            return
+        self._masks.update(state, self._moment, self.seconds)
+        self._targets = self._target_pose.at(state, self._moment, self.seconds)[0]
+        state.positions[n:] = self._targets[n:]
+        self._lap("joining")
 
     def _update_population(
         self, moment: Moment, step: Step, influence: Influence, started: F32, *, is_first: bool
@@ -262,10 +285,11 @@ class Solver:
         reacts = moment.parameters.rd.enabled
         if is_first:
             if reacts:
+                rates = styles.reaction_of(moment.parameters)
                 self._pattern.react(
-                    state, moment, influence,
-                    feed_factor=self._factor(moment, "rd:feed"),
-                    kill_factor=self._factor(moment, "rd:kill"),
+                    state, moment, influence, step.now,
+                    feed_factor=self._factor(moment, "rd:feed", rates),
+                    kill_factor=self._factor(moment, "rd:kill", rates),
                 )  # fmt: skip
             self._lap("reaction")
             if self._uses.needs_neighbors:
@@ -281,40 +305,29 @@ class Solver:
                 self._device, state, growth, dt=step.dt, normals=self._pattern.normals(state),
                 rate_factor=factor,
             )  # fmt: skip
-        rows: list[I64] = []
-        if self._uses.has_births:
-            is_fertile = reacts and growth.birth_rate > 0
-            most = sim.max_count if is_fertile else 0
+        if self._uses.accretes and is_first and reacts:
+            for source in accrete(self._parts, state, moment, step):
+                off, started = self._selected(source, off, started)
+            self._lap("new matter")
+        if self._uses.breeds:
             mask = self._factor(moment, "growth:birthRate")
-            factor = _product(influence.growth, _product(state.weight, mask))
-            rows = self._change_population(moment, step, most, factor)
-        for source in rows:
-            off, started = off[source], started[source]
-            self._influence = self._influence.selected(source)
+            rows = breed(
+                self._device, self._parts, state, moment, step,
+                maximum=sim.max_count if reacts and growth.birth_rate > 0 else 0,
+                rate_factor=_product(self._influence.growth, _product(state.weight, mask)),
+            )  # fmt: skip
+            for source in rows:
+                off, started = self._selected(source, off, started)
         self._targets = self._target_pose.at(state, moment, step.now)[0]
         flying = (state.flags & FREE) != 0
         state.positions = np.where(flying[:, None], state.positions, self._targets + off)
         self._lap("growth")
         return started
 
-    def _change_population(
-        self, moment: Moment, step: Step, maximum: int, factor: F32 | None
-    ) -> list[I64]:
-        """Apply births, then deaths; return the source row of each row, for each change."""
-        state, growth = self.state, moment.parameters.growth
-        changes: list[I64] = []
-        parents = population.births(
-            self._device, state, growth, step, self._pattern.neighborhood(state, moment),
-            maximum=maximum, rate_factor=factor,
-        )  # fmt: skip
-        if len(parents):
-            self._target_pose.append_children(parents, state)
-            changes.append(np.concatenate([np.arange(len(state) - len(parents)), parents]))
-        left = population.deaths(state, growth, now=step.now, dt=step.dt)
-        if left is not None:
-            self._target_pose.select(left)
-            changes.append(left)
-        return changes
+    def _selected(self, rows: I64, *arrays: F32) -> Iterator[F32]:
+        """Yield rows of arrays, and keep the effects of affectors at these rows."""
+        self._influence = self._influence.selected(rows)
+        return (array[rows] for array in arrays)
 
     def _dissolving(self, moment: Moment) -> Dissolve | None:
         """Return the active dissolve or assemble, or None."""
@@ -326,28 +339,15 @@ class Solver:
             lambda knob: self._factor(moment, f"dissolve:{knob}"),
         )  # fmt: skip
 
-    def _target_normals(self, moment: Moment) -> F32:
-        """Return the normals of splats in their target pose, shape (n, 3)."""
-        normals = self._pattern.normals(self.state)
-        if not self._uses.deforms or not moment.parameters.dissolve.speed:
-            return normals
-        _, gradient = self._target_pose.at(self.state, moment, self.seconds, gradient=True)
-        return turned(normals, gradient)
-
     def _place(self, moment: Moment, now: float) -> None:
         """Place the splats that have not arrived yet."""
         dissolve = self._dissolving(moment)
         if dissolve is None or not dissolve.is_assembling:
             return
-        state = self.state
-        before = state.flags & FREE
         dissolve.place(
-            state, self._targets, self._target_normals(moment), moment.parameters.particles,
-            to_world=moment.to_world, now=now,
+            self.state, self._targets, self._parts.normals(self.state, moment, now),
+            moment.parameters.particles, to_world=moment.to_world, now=now,
         )  # fmt: skip
-        if SPEEDS in state.memory:  # splats that have arrived move with their targets
-            there = (before & ~state.flags) != 0
-            state.velocities[there] = state.memory[SPEEDS][there]
 
     def _contact(self, started: F32, before: Moment, after: Moment) -> None:
         """Move selected splats out of the affectors."""
@@ -357,16 +357,16 @@ class Solver:
         weight = state.weight * np.float32(after.parameters.sim.contact)
         if (mask := self._factor(after, "sim:contact")) is not None:
             weight = weight * mask
-        spared = np.flatnonzero((weight <= 0) & (state.flags & PINNED == 0))
-        state.flags[spared] |= PINNED
-        counts = self._contacts.step(state, started, before.affectors, after.affectors, self._dt)
+        counts = self._parts.contacts.step(
+            state, started, before.affectors, after.affectors, self._dt, weight=weight
+        )
         self.trapped = max(self.trapped, counts.trapped)
-        state.flags[spared] &= ~PINNED
         self._lap("contact")
 
     def _fades(self, moment: Moment) -> Fades:
         """Return the factors of opacity and of size at a time."""
         alpha = self._influence_of(moment, "opacity").opacity
+        alpha = _product(alpha, self._target_pose.opacity)
         size: F32 | None = None
         if self._uses.has_births:
             alphas, sizes = population.fades(self.state, moment.parameters.growth, now=self.seconds)
@@ -385,7 +385,7 @@ class Solver:
     def _influence_of(self, moment: Moment, *roles: str) -> Influence:
         """Return the effects of affectors at the splats, of some roles or all."""
         chosen = [each for each in moment.affectors if not roles or each.parameters.role in roles]
-        return self._influences.at(
+        return self._parts.influences.at(
             tuple(chosen),
             self.state.positions,
             lambda each: self._factor(moment, f"{each.path}.affector:amount", each.parameters),

@@ -161,10 +161,16 @@ class Moment:
     parameters: Parameters
     to_world: F64
     """From the simulation's space to the stage's."""
+    up: tuple[float, float, float] = (0.0, 1.0, 0.0)
+    """Unit vector that points up on the stage."""
     affectors: tuple[Affector, ...] = ()
     """Ordered by path; the same ones at every time."""
     target: Surface | None = None
     """Mesh that splats conform to."""
+    becomes: SplatCloud | None = None
+    """Capture that splats become, in the simulation's space; the same one at every time."""
+    order: F32 | None = None
+    """Primvar of `conform:orderPrimvar`, shape (n,)."""
     relax_surface: Surface | None = None
     """Mesh that redistribution keeps splats on."""
     deformers: tuple[Deformer, ...] = ()

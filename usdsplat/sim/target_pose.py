@@ -5,19 +5,23 @@ The deformation gradient of these steps is computed too; it rotates and stretche
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 
-from usdsplat.core.cloud import F32, I64
+from usdsplat.core.cloud import F32, I64, SplatCloud
 from usdsplat.kernels.device import Device
+from usdsplat.sim.carriers import Carriers
 from usdsplat.sim.conform import Conform
+from usdsplat.sim.conform_transport import TransportConform
 from usdsplat.sim.deform import deform
 from usdsplat.sim.masks import Masks
+from usdsplat.sim.morph import Morph
 from usdsplat.sim.skin import Skin
 from usdsplat.sim.specs import Deformer, Moment, Recipe
-from usdsplat.sim.state import State
+from usdsplat.sim.state import Frame, State
 
 
 class TargetPose:
@@ -28,27 +32,56 @@ class TargetPose:
         recipe: The field.
         first: Values of the stage at the first frame.
         masks: The masks of the field.
+        carriers: Carriers of the field; only a conform by transport needs them.
     """
 
-    def __init__(self, device: Device, recipe: Recipe, first: Moment, masks: Masks) -> None:
+    def __init__(
+        self,
+        device: Device,
+        recipe: Recipe,
+        first: Moment,
+        masks: Masks,
+        carriers: Carriers | None = None,
+    ) -> None:
         self._device, self._masks = device, masks
         self._skin: Skin | None = None
         rest, p = recipe.rest, first.parameters
         if recipe.binding is not None:
             self._skin = Skin(device, recipe.binding, rest.positions, p.skin)
-        self._conform: Conform | None = None
-        if first.target is not None:
-            ids = np.arange(len(rest)) if rest.ids is None else rest.ids
-            selected = recipe.selection
+        self._conform: Conform | TransportConform | None = None
+        if first.target is None and first.becomes is None:
+            return
+        ids = np.arange(len(rest)) if rest.ids is None else rest.ids
+        selected = recipe.selection
+        select = np.ones(len(rest), np.float32) if selected is None else selected
+        if carriers is not None and first.becomes is not None:
+            self._conform = Morph(
+                device, rest, carriers, first.becomes,
+                ids=ids, select=select, order=first.order, parameters=p,
+            )  # fmt: skip
+        elif carriers is not None and p.conform.mode == "transport":
+            self._conform = TransportConform(
+                device, rest, carriers, ids=ids, select=select, order=first.order, parameters=p
+            )
+        else:
             self._conform = Conform(
                 device,
                 rest.positions,
                 rest.rotations,
                 rest.scales,
                 ids=ids,
-                select=np.ones(len(rest), np.float32) if selected is None else selected,
+                select=select,
                 parameters=p,
             )
+
+    def stretched(self, moment: Moment) -> Moment:
+        """Return a moment with the limit of stretches for the poses of its time. Transport limits
+        the stretch of deformations by itself, and scales splats to the target beyond it."""
+        if not isinstance(self._conform, TransportConform):
+            return moment
+        p = moment.parameters
+        appearance = replace(p.appearance, max_stretch=math.inf)
+        return replace(moment, parameters=replace(p, appearance=appearance))
 
     def at(
         self, state: State, moment: Moment, seconds: float, *, gradient: bool = False
@@ -78,12 +111,41 @@ class TargetPose:
         if self._skin is not None and moment.skin is not None:
             part = self._masks.factor(state, moment, "skin:weight")
             self._skin.apply(moment.skin, moment.parameters.skin, positions, turned, part)
-        if self._conform is not None and moment.target is not None:
-            part = self._masks.factor(state, moment, "conform:weight")
+        part = self._masks.factor(state, moment, "conform:weight")
+        if isinstance(self._conform, Morph):
+            self._conform.reset(state.rest_positions, positions, turned)
+            self._conform.apply(None, seconds, moment.parameters.conform, positions, turned, part)
+        elif self._conform is not None and moment.target is not None:
             self._conform.apply(
                 moment.target, seconds, moment.parameters.conform, positions, turned, part
             )
         return positions, turned if gradient else None
+
+    def joining(self, moment: Moment, seconds: float) -> SplatCloud | None:
+        """Return the splats of another capture that must join now, or None."""
+        if not isinstance(self._conform, Morph):
+            return None
+        is_due = self._conform.is_due(seconds, moment.parameters.conform)
+        return self._conform.joining if is_due else None
+
+    def append_joined(self, count: int) -> None:
+        """Bind the splats that `joining` returned, after they became the last rows."""
+        assert isinstance(self._conform, Morph)
+        self._conform = self._conform.joined()
+        if self._skin is not None:
+            self._skin = self._skin.extended(np.zeros(count, np.int64))
+
+    @property
+    def opacity(self) -> F32 | None:
+        """Factors of opacities at the time of the last pose, shape (n,), or None."""
+        return self._conform.opacity() if isinstance(self._conform, Morph) else None
+
+    def recolored(self, frame: Frame) -> Frame:
+        """Return a frame at the time of the last pose with its colours."""
+        if not isinstance(self._conform, Morph):
+            return frame
+        sh = self._conform.recolored(frame.cloud.sh)
+        return replace(frame, cloud=replace(frame.cloud, sh=sh))
 
     def append_children(self, parents: I64, state: State) -> None:
         """Bind children like their parents.
@@ -139,7 +201,7 @@ class TargetPose:
             mask = other if mask is None else mask if other is None else mask * other
         return deformer if mask is None else replace(deformer, mask=mask)
 
-    def _parts(self) -> Iterator[tuple[str, Skin | Conform]]:
+    def _parts(self) -> Iterator[tuple[str, Skin | Conform | TransportConform]]:
         if self._skin is not None:
             yield "skin", self._skin
         if self._conform is not None:

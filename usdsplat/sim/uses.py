@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import reduce
@@ -19,6 +20,10 @@ class Uses:
     reacts: bool = False
     grows: bool = False
     """Whether splats move along their normals with the pattern."""
+    breeds: bool = False
+    """Whether splats have children."""
+    accretes: bool = False
+    """Whether new matter grows over the carriers."""
     has_births: bool = False
     """Whether splats are born, and may die."""
     flies: bool = False
@@ -31,19 +36,36 @@ class Uses:
     """Whether scales change other than by deformation."""
     colors: bool = False
 
+    refines: bool = False
+    """Whether large splats are divided before the first frame."""
+    splits: bool = False
+    """Whether splats are divided while they move."""
+    coheres: bool = False
+    """Whether splats follow matter."""
+    transports: bool = False
+    """Whether splats move onto a target by transport of the field's carriers."""
+    joins: bool = False
+    """Whether the splats of another capture join."""
     needs_normals: bool = False
     """Whether normals are needed, with their outer side."""
+
+    @property
+    def varies(self) -> bool:
+        """Whether the number of splats may change."""
+        return self.has_births or self.splits or self.joins
 
     @property
     def writes(self) -> frozenset[str]:
         """Names of the cloud's arrays that may change."""
         found = {"positions"}
-        turns = self.deforms or self.collides
-        if turns or self.has_births:
+        turns = self.deforms or self.collides or self.coheres
+        if turns or self.varies:
             found |= {"rotations", "scales", "sh"}
-        if self.sizes or self.dissolves:
+        if self.joins:
+            found.add("opacities")
+        if self.sizes or self.dissolves or self.accretes:
             found.add("scales")
-        if self.fades or self.has_births or self.dissolves:
+        if self.fades or self.varies or self.dissolves:
             found.add("opacities")
         if self.colors:
             found.add("sh")
@@ -65,28 +87,40 @@ def uses_over(recipe: Recipe, times: Iterable[float]) -> Uses:
 
 def uses_at(moment: Moment, has_skin: bool) -> Uses:
     """Return what is needed at one time."""
-    p = moment.parameters
+    p, refine = moment.parameters, moment.parameters.refine
     if not p.sim.enabled:
         return Uses()
     roles = {each.parameters.role for each in moment.affectors if each.parameters.enabled}
     outputs = {each.parameters.output for each in moment.drivers}
     sources = {each.parameters.source for each in moment.drivers}
     reacts = p.rd.enabled
-    has_births = reacts and p.growth.birth_rate > 0
+    breeds = reacts and p.growth.birth_rate > 0
+    accretes = reacts and p.accretion.enabled
+    has_target = moment.target is not None or moment.becomes is not None
+    conforms = has_target and p.conform.weight > 0
+    asks = reacts or conforms or p.matter.enabled or p.dissolve.enabled
+    refines = refine.enabled == "on" or (refine.enabled == "auto" and asks)
     return Uses(
-        deforms=bool(moment.deformers) or has_skin or moment.target is not None,
+        refines=refines,
+        splits=refines and math.isfinite(refine.stretch),
+        deforms=bool(moment.deformers) or has_skin or has_target,
         collides="collide" in roles,
+        coheres=p.matter.enabled,
+        transports=has_target and p.conform.mode == "transport",
+        joins=moment.becomes is not None,
         reacts=reacts,
         grows=reacts and p.growth.rate != 0,
-        has_births=has_births,
+        breeds=breeds,
+        accretes=accretes,
+        has_births=breeds or accretes,
         flies=p.particles.enabled or p.dissolve.enabled,
         dissolves=p.dissolve.enabled,
-        needs_neighbors=has_births or p.growth.size_follow > 0 or "crowding" in sources,
+        needs_neighbors=breeds or p.growth.size_follow > 0 or "crowding" in sources,
         fades="opacity" in outputs or "opacity" in roles or p.appearance.keep_opacity,
         sizes=bool({"scale", "thickness"} & outputs) or p.growth.size_follow > 0,
-        colors="color" in outputs,
+        colors="color" in outputs or accretes,
         needs_normals="displacement" in outputs
         or p.dissolve.enabled
         or (reacts and p.growth.rate != 0)
-        or has_births,
+        or breeds,
     )

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from pxr import Sdf
 
 from tests.interchange.lod.worlds import ground
-from usdsplat import schema
+from usdsplat import formats, schema
 from usdsplat.core import edit
 from usdsplat.core.extent import extent
 from usdsplat.interchange import files
-from usdsplat.interchange.lod import chunks
+from usdsplat.interchange.lod import LodOptions, build_tree, chunks
 from usdsplat.interchange.lod.chunks import ChunkForm, ChunkNodes
+from usdsplat.schema.chunks import chunk_digest
 
 FORM = ChunkForm(
     up_axis="Z",
@@ -28,8 +30,9 @@ NAMES = ("positions", "scales", "rotations", "opacities", "sh")
 def test_a_chunk_is_read_as_it_was_drawn(tmp_path, has_leaves, mode):
     """Oracle: the splats that writing returned, and the reader of packed fields."""
     path = tmp_path / "0001.usdc"
-    drawn = chunks.write_chunk(path, ground(200, 2), FORM, has_leaves=has_leaves)
+    drawn, digest = chunks.write_chunk(path, ground(200, 2), FORM, has_leaves=has_leaves)
     found = chunks.read_chunk(path)
+    assert digest == chunk_digest(str(path))
     for name in NAMES:
         np.testing.assert_array_equal(getattr(found, name), getattr(drawn, name))
     prim = (stage := files.open_stage(path)).GetDefaultPrim()
@@ -49,6 +52,7 @@ def test_what_is_known_of_nodes_is_read_again(tmp_path):
         high=np.ones((2, 3)),
         sizes=np.array([0.0, 0.25]),
         strays=ground(4, 1),
+        digest="0123",
     )
     path = tmp_path / "0002.usdc"
     chunks.write_chunk(path, ground(9), FORM, has_leaves=True)
@@ -56,7 +60,7 @@ def test_what_is_known_of_nodes_is_read_again(tmp_path):
     chunks.write_nodes(path, nodes)
     assert chunks.is_finished(path)
     found = chunks.read_nodes(path)
-    assert found.first_rows.tolist() == [0, 4]
+    assert found.first_rows.tolist() == [0, 4] and found.digest == "0123"
     for name in ("proxies", "residents", "low", "high", "sizes"):
         np.testing.assert_array_equal(getattr(found, name), getattr(nodes, name))
     for name in NAMES:
@@ -72,3 +76,17 @@ def test_boxes_contain_their_groups():
         assert (low[group] <= box[0]).all() and (box[1] <= high[group]).all()
         np.testing.assert_allclose([low[group], high[group]], box, atol=1e-3)
     assert np.isposinf(low[1]).all() and np.isneginf(high[1]).all()
+
+
+def test_a_tree_knows_its_chunks(tmp_path):
+    """Oracle: the validator, which computes the digests of all chunks again; an edit of one."""
+    formats.write(ground(3000, 1), tmp_path / "scan.ply")
+    build_tree(tmp_path / "scan.ply", tmp_path / "t.usda", options=LodOptions(leaf_splats=256))
+    stage = files.open_stage(tmp_path / "t.usda")
+    digests = schema.read_tree(stage.GetPrimAtPath("/t/splats")).digests
+    assert len(set(digests)) == len(digests) > 3
+    assert [each for each in schema.validate(stage) if each.severity != "note"] == []
+    layer = Sdf.Layer.FindOrOpen(str(tmp_path / "t_chunks" / "0002.usdc"))
+    attribute = layer.GetAttributeAtPath("/splats.positions")
+    attribute.default = attribute.default[::-1]
+    assert [each.code for each in schema.validate(stage)] == ["edited-chunk"]

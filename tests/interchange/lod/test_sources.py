@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from pxr import Gf, Usd, UsdGeom, Vt
 
-from tests.interchange.lod.worlds import ground
+from tests.interchange.lod.worlds import NAMES, ground, in_parts
 from usdsplat import formats, schema
-from usdsplat.core import edit
 from usdsplat.core.errors import UsageError
 from usdsplat.core.progress import silent
 from usdsplat.interchange.exporting import capture_of
@@ -18,17 +17,6 @@ from usdsplat.interchange.lod import ply_source, survey
 from usdsplat.interchange.lod.inputs import open_source
 from usdsplat.interchange.lod.options import LodOptions
 from usdsplat.interchange.lod.sorting import pieces
-
-NAMES = ("positions", "scales", "rotations", "opacities", "sh")
-
-
-def in_parts(source, counts, size):
-    """All splats of an input, read in pieces of `size`."""
-    found = []
-    for part, count in enumerate(counts):
-        for first in range(0, count, size):
-            found.append(source.rows(part, first, min(count, first + size), np.eye(4)))
-    return edit.merge(found)
 
 
 @pytest.mark.parametrize("form", ["packed", "float", "half"])

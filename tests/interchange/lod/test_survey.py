@@ -109,6 +109,8 @@ def test_inputs_that_cannot_meet_are_one_sentence():
     """Oracle: the sentences."""
     with pytest.raises(UsageError, match=r"b\.ply: found colours in lin_ap1_scene"):
         met(ONE, replace(ONE, name="b.ply", color_space="lin_ap1_scene"))
+    with pytest.raises(UsageError, match=r"pixel: found 6\.1, expected 0 to 6, the size of"):
+        met(ONE, pixel=6.1)
     with pytest.raises(StageError, match="found no splats"):
         met(replace(ONE, parts=(0,)))
 

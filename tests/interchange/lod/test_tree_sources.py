@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from pxr import Gf, Usd, UsdGeom, Vt
 
-from tests.interchange.lod.worlds import ground
+from tests.interchange.lod.worlds import NAMES, ground, in_parts
 from tests.trees import little_tree
 from usdsplat import formats
 from usdsplat.core import edit
@@ -18,17 +18,6 @@ from usdsplat.interchange.exporting import capture_of
 from usdsplat.interchange.lod import LodOptions, build_tree, tree_rows
 from usdsplat.interchange.lod.inputs import open_source
 from usdsplat.interchange.lod.streamed_source import StreamedSource
-
-NAMES = ("positions", "scales", "rotations", "opacities", "sh")
-
-
-def in_parts(source, counts, size):
-    """All splats of an input, read in pieces of `size`."""
-    found = []
-    for part, count in enumerate(counts):
-        for first in range(0, count, size):
-            found.append(source.rows(part, first, min(count, first + size), np.eye(4)))
-    return edit.merge(found)
 
 
 def two_trees(folder):

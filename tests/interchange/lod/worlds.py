@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
+from usdsplat.core import edit
 from usdsplat.core.cloud import SplatCloud
 from usdsplat.core.sh import coefficient_count
+from usdsplat.interchange.lod.sources import Source
+
+NAMES = ("positions", "scales", "rotations", "opacities", "sh")
+"""Arrays of a cloud."""
 
 
 def ground(count: int, degree: int = 0, seed: int = 0) -> SplatCloud:
@@ -27,6 +33,15 @@ def ground(count: int, degree: int = 0, seed: int = 0) -> SplatCloud:
         opacities=rng.uniform(0.6, 0.99, count).astype(np.float32),
         sh=sh,
     )
+
+
+def in_parts(source: Source, counts: Sequence[int], size: int) -> SplatCloud:
+    """All splats of an input of a tree, read in pieces of `size`."""
+    found = []
+    for part, count in enumerate(counts):
+        for first in range(0, count, size):
+            found.append(source.rows(part, first, min(count, first + size), np.eye(4)))
+    return edit.merge(found)
 
 
 def tree_bytes(target: Path) -> dict[str, bytes]:

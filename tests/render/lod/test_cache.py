@@ -296,3 +296,32 @@ def test_what_another_thread_waits_for_is_not_cancelled(cache):
     go.set()
     asking.join()
     assert set(found[0]) == set("abcde")
+
+
+def test_what_is_dropped_is_gone_at_once_also_if_it_is_being_read(cache):
+    """Oracle: the bytes and the reads. Four threads read, so "e" is cancelled; a caller that waits
+    for "a" gets it, but it is not kept. What is asked for again is kept."""
+    source, go, found = Source(), threading.Event(), []
+    get(cache, source, "x", "y")
+    cache.drop(lambda key: key == "x")
+    assert "x" not in cache and cache.bytes == SIZE
+
+    def blocked(name):
+        assert go.wait(20)
+        return source.read(name)
+
+    some = {n: Request(read=lambda n=n: blocked(n), size=SIZE) for n in "abcde"}
+    asking = threading.Thread(
+        target=lambda: found.append(cache.get({"a": some["a"]}, limit=9 * SIZE, lifetime=9.0))
+    )
+    asking.start()
+    while not cache.is_reading:
+        pass
+    cache.get({}, limit=9 * SIZE, lifetime=9.0, ahead={n: some[n] for n in "bcde"})
+    cache.drop(lambda key: key in "abe")
+    cache.get({}, limit=9 * SIZE, lifetime=9.0, ahead={n: some[n] for n in "bcd"})
+    go.set()
+    asking.join()
+    get(cache, source, *"bcd", "y")
+    assert "a" in found[0] and "a" not in cache and "e" not in cache
+    assert cache.bytes == 4 * SIZE and sorted(source.reads) == sorted("xyabcd")

@@ -86,6 +86,30 @@ def test_several_broken_chunks_are_one_finding(path: Path) -> None:
     assert found.code == "broken-chunk" and "(and 1 more chunk)" in found.message
 
 
+def test_chunks_are_compared_with_their_digests(tmp_path: Path) -> None:
+    """Oracle: two files that are swapped, and one whose splats are edited. The first is an error,
+    as in pictures; the second a warning, as it is drawn."""
+    path = little_tree(tmp_path, cloud(n=200, degree=1), with_digests=True)
+    assert checked(path) == []
+    one, two = (tmp_path / "tree_chunks" / name for name in ("0001.usdc", "0002.usdc"))
+    contents = one.read_bytes(), two.read_bytes()
+    for target, content in ((one, contents[1]), (two, contents[0])):
+        target.unlink()
+        target.write_bytes(content)
+    (found,) = checked(path)
+    assert (found.code, found.severity) == ("broken-chunk", "error")
+    assert "the splats of another chunk (and 1 more chunk)" in found.message
+    for target, content in zip((one, two), contents, strict=True):
+        target.unlink()
+        target.write_bytes(content)
+    layer = Sdf.Layer.FindOrOpen(str(two))
+    layer.GetAttributeAtPath("/chunk.positions").default = Vt.Vec3fArray(199)
+    layer.Save()
+    (found,) = checked(path)
+    assert (found.code, found.severity, found.path) == ("edited-chunk", "warning", "/tree/splats")
+    assert found.found == f"splats of {two} that were changed"
+
+
 @pytest.mark.parametrize(
     ("attribute", "value", "code"),
     [

@@ -14,6 +14,7 @@ from usdsplat import schema
 from usdsplat.core.errors import OutputError, StageError, UsageError
 from usdsplat.sim.stage.presets import PRESETS, author_preset
 from usdsplat.sim.stage.recipe import StageRecipe, find_simulations, recipes
+from usdsplat.sim.styles import STYLES
 
 
 def capture(folder: Path, *, up: str = "Y", fields: int = 1) -> Usd.Stage:
@@ -29,10 +30,35 @@ def capture(folder: Path, *, up: str = "Y", fields: int = 1) -> Usd.Stage:
     return stage
 
 
+def other(folder: Path) -> Usd.Stage:
+    """A file with another field of 300 splats."""
+    stage = Usd.Stage.CreateNew(str(folder / "other.usdc"))
+    stage.SetDefaultPrim(UsdGeom.Xform.Define(stage, "/Other").GetPrim())
+    place(schema.author(stage, "/Other/Splats", cloud(9, n=300)), rigid(5, 3.0))
+    stage.Save()
+    return stage
+
+
+def block(folder: Path, up: str = "Z") -> Usd.Stage:
+    """A file with two boxes on each other: 2 x 3 and 9 high."""
+    stage = Usd.Stage.CreateNew(str(folder / "block.usda"))
+    UsdGeom.SetStageUpAxis(stage, up)
+    stage.SetDefaultPrim(UsdGeom.Xform.Define(stage, "/Block").GetPrim())
+    for name, height, middle in (("Low", 4.0, 2.0), ("High", 5.0, 6.5)):
+        cube = UsdGeom.Cube.Define(stage, f"/Block/{name}")
+        cube.CreateSizeAttr(1.0)
+        size = (2, 3, height) if up == "Z" else (2, height, 3)
+        cube.AddTranslateOp().Set((0, 0, middle) if up == "Z" else (0, middle, 0))
+        cube.AddScaleOp().Set(size)
+    stage.Save()
+    return stage
+
+
 def written(folder: Path, name: str, up: str = "Y") -> tuple[Usd.Stage, StageRecipe]:
     """A preset, opened again."""
     (folder / "shots").mkdir()
-    author_preset(name, capture(folder, up=up), folder / "shots" / "sim.usda")
+    goal = other(folder) if name == "morph" else None
+    author_preset(name, capture(folder, up=up), folder / "shots" / "sim.usda", goal=goal)
     stage = Usd.Stage.Open(str(folder / "shots" / "sim.usda"))
     (sim,) = find_simulations(stage)
     (recipe,) = recipes(stage, sim)
@@ -84,16 +110,18 @@ def test_a_ball_goes_through_the_middle_of_the_capture(name, tmp_path) -> None:
     assert UsdGeom.Gprim(ball).GetDisplayColorAttr().Get()
 
 
-def test_a_pattern_is_formed_by_the_last_frame(tmp_path) -> None:
-    """Oracle: about 6,000 reaction steps; lengths are in units of the field."""
+def test_new_matter_covers_the_capture_by_the_last_frame(tmp_path) -> None:
+    """Oracle: about 16,000 reaction steps; a front along the whole capture in less than the frames;
+    carriers as far apart as the splats; lengths are in units of the field."""
     stage, recipe = written(tmp_path, "grow")
     asked = recipe.at(1).parameters
-    assert asked.rd.enabled and asked.rd.preset == "labyrinth"
-    assert 5_500 <= 100 * asked.rd.substeps <= 6_500 and asked.growth.birth_rate > 0
+    assert asked.rd.enabled and asked.accretion.enabled and asked.accretion.style == "coral"
+    assert 15_000 <= 100 * asked.rd.substeps <= 17_000
     size = np.ptp(box(stage), axis=0).max() / 2
-    assert asked.rd.pattern_scale == pytest.approx(size * np.sqrt(3 / 500), rel=1e-5)
-    drivers = {each.parameters.output for each in recipe.at(1).drivers}
-    assert drivers == {"color", "displacement", "scale"}
+    spacing = asked.carriers.spacing
+    assert spacing == pytest.approx(size * np.sqrt(3 / 500), rel=1e-5)
+    along = size / (asked.rd.front_speed * spacing)
+    assert along == pytest.approx(0.6 * 100 / 24, rel=1e-4)
 
 
 @pytest.mark.parametrize("up", ["Y", "Z"])
@@ -130,37 +158,13 @@ def test_the_wind_blows_level_and_up_a_little(tmp_path) -> None:
     assert asked.dissolve.size == pytest.approx(0.15 * size / 2, rel=1e-4)
 
 
-def test_the_style_of_grow_is_the_pattern(tmp_path) -> None:
+@pytest.mark.parametrize("style", STYLES)
+def test_the_style_of_grow_is_that_of_new_matter(style, tmp_path) -> None:
     """Oracle: the parameter on the stage."""
-    author_preset("grow", capture(tmp_path), tmp_path / "a.usda", options={"style": "spots"})
+    author_preset("grow", capture(tmp_path), tmp_path / "a.usda", options={"style": style})
     stage = Usd.Stage.Open(str(tmp_path / "a.usda"))
     (sim,) = find_simulations(stage)
-    assert sim.GetAttribute("splatSim:rd:preset").Get() == "spots"
-
-
-def test_a_target_is_referred_to_as_large_as_the_capture(tmp_path) -> None:
-    """Oracle: the box of the capture: the same centre and longest edge; the path is relative, and
-    the mesh is the one in the file."""
-    figure = Usd.Stage.CreateNew(str(tmp_path / "figure.usda"))
-    figure.SetDefaultPrim(UsdGeom.Xform.Define(figure, "/Figure").GetPrim())
-    mesh = UsdGeom.Mesh.Define(figure, "/Figure/Body")
-    mesh.CreatePointsAttr([(0, 0, 0), (3, 0, 0), (0, 1, 0), (0, 0, 2)])
-    mesh.CreateFaceVertexCountsAttr([3] * 4)
-    mesh.CreateFaceVertexIndicesAttr([0, 2, 1, 0, 1, 3, 0, 3, 2, 1, 2, 3])
-    mesh.CreateExtentAttr([(0, 0, 0), (3, 1, 2)])
-    figure.Save()
-    (tmp_path / "shots").mkdir()
-    options = {"target": str(tmp_path / "figure.usda")}
-    author_preset("conform", capture(tmp_path), tmp_path / "shots" / "a.usda", options=options)
-    assert "@../figure.usda@" in (tmp_path / "shots" / "a.usda").read_text()
-    stage = Usd.Stage.Open(str(tmp_path / "shots" / "a.usda"))
-    (recipe,) = recipes(stage, *find_simulations(stage))
-    target = recipe.at(1).target
-    assert target is not None and len(target.triangles) == 4
-    points = moved(recipe.at(1).to_world, target.points)
-    low, high = box(stage)
-    assert np.allclose((points.min(0) + points.max(0)) / 2, (low + high) / 2, atol=1e-5)
-    assert np.ptp(points, axis=0).max() == pytest.approx((high - low).max(), rel=1e-5)
+    assert sim.GetAttribute("splatSim:accretion:style").Get() == style
 
 
 @pytest.mark.parametrize("name", PRESETS)
@@ -179,14 +183,12 @@ def test_an_option_that_a_preset_does_not_take_is_one_sentence(tmp_path) -> None
     def asked(name: str, **options: str) -> None:
         author_preset(name, stage, tmp_path / "a.usda", options=options)
 
-    with pytest.raises(UsageError, match="--style: found 'wool', expected one of labyrinth, spots"):
+    with pytest.raises(UsageError, match="--style: found 'wool', expected one of cells, coral, "):
         asked("grow", style="wool")
-    with pytest.raises(UsageError, match=r"--target: found 'a.usd' and --preset grow, .* --style"):
-        asked("grow", target="a.usd")
-    with pytest.raises(UsageError, match=r"--style: .* --preset push, .*takes no option"):
-        asked("push", style="x")
-    with pytest.raises(StageError, match=r"capture.usdc: found 0 meshes, expected one"):
-        asked("conform", target=str(tmp_path / "capture.usdc"))
+    with pytest.raises(UsageError, match=r"--material: found 'clay' and --preset grow, .* --style"):
+        asked("grow", material="clay")
+    with pytest.raises(UsageError, match=r"--style: .* --preset dissolve, .*takes no option"):
+        asked("dissolve", style="x")
     assert not (tmp_path / "a.usda").exists()
 
 
@@ -217,3 +219,67 @@ def test_results_over_it_are_stronger_than_the_capture(tmp_path) -> None:
     assert prim.GetPrimStack()[0].layer != stage.GetRootLayer()
     stage.OverridePrim("/World/Scan0").CreateAttribute("x", Sdf.ValueTypeNames.Int).Set(1)
     assert prim.GetPrimStack()[0].layer == stage.GetRootLayer()
+
+
+@pytest.mark.parametrize(("up", "own"), [("Y", "Z"), ("Y", "Y"), ("Z", "Y")])
+def test_meshes_stand_where_the_capture_stands(up, own, tmp_path) -> None:
+    """Oracle: the box of both cubes: upright, half as large again as the capture, on its bottom."""
+    stage = capture(tmp_path, up=up)
+    author_preset("conform", stage, tmp_path / "sim.usda", goal=block(tmp_path, own))
+    made = Usd.Stage.Open(str(tmp_path / "sim.usda"))
+    (recipe,) = recipes(made, find_simulations(made)[0])
+    low, high = box(made)
+    target = recipe.at(1).target
+    assert target is not None
+    points = moved(recipe.at(1).to_world, target.points)
+    axis = "XYZ".index(up)
+    tall = 1.5 * (high - low).max()
+    extent = np.ptp(points, axis=0)
+    assert extent[axis] == pytest.approx(tall, rel=1e-4)
+    assert sorted(extent) == pytest.approx([2 / 9 * tall, 3 / 9 * tall, tall], rel=1e-4)
+    assert points[:, axis].min() == pytest.approx(low[axis], abs=1e-4)
+    middle = np.delete((points.min(axis=0) + points.max(axis=0)) / 2 - (low + high) / 2, axis)
+    np.testing.assert_allclose(middle, 0, atol=1e-4)
+    a, b, c = (points[target.triangles[:, i]] for i in range(3))
+    volume = np.einsum("ti,ti->", a, np.cross(b, c)) / 6
+    assert volume == pytest.approx(54 * (tall / 9) ** 3, rel=1e-3), "they face outwards"
+    holder = UsdGeom.Imageable(made.GetPrimAtPath("/World/Simulation/Target"))
+    assert holder.ComputePurpose() == "guide", "pictures do not show it"
+    references = made.GetRootLayer().GetPrimAtPath("/World/Simulation/Target/Content")
+    (path,) = references.referenceList.prependedItems
+    assert path.assetPath == "./block.usda"
+
+
+def test_a_capture_to_become_is_as_large_as_the_capture(tmp_path) -> None:
+    """Oracle: the boxes of both captures."""
+    stage, recipe = written(tmp_path, "morph")
+    becomes = recipe.at(1).becomes
+    assert becomes is not None and len(becomes) == 300
+    assert recipe.rest.sh.shape[1] >= becomes.sh.shape[1]
+    points = moved(recipe.at(1).to_world, becomes.positions)
+    low, high = box(stage)
+    there = np.percentile(points, (5, 95), axis=0)
+    assert np.ptp(there, axis=0).max() == pytest.approx((high - low).max(), rel=0.15)
+    assert recipe.at(1).target is None
+
+
+def test_targets_that_do_not_fit_are_one_sentence(tmp_path) -> None:
+    """Oracle: the sentences."""
+    stage, into = capture(tmp_path), tmp_path / "a.usda"
+    with pytest.raises(
+        UsageError, match=r"--target: .*other.usdc' and --preset push, expected non"
+    ):
+        author_preset("push", stage, into, goal=other(tmp_path))
+    with pytest.raises(UsageError, match="--target: found none and --preset morph, expected a cap"):
+        author_preset("morph", stage, into)
+    solid = block(tmp_path)
+    with pytest.raises(StageError, match="found meshes, expected a capture"):
+        author_preset("morph", stage, into, goal=solid)
+    with pytest.raises(StageError, match="found a capture, expected meshes"):
+        author_preset("conform", stage, into, goal=Usd.Stage.Open(str(tmp_path / "other.usdc")))
+    empty = Usd.Stage.CreateNew(str(tmp_path / "empty.usda"))
+    empty.SetDefaultPrim(empty.DefinePrim("/Empty"))
+    empty.Save()
+    with pytest.raises(StageError, match="found 0 splat fields and 0 meshes, expected meshes, or"):
+        author_preset("conform", stage, into, goal=empty)
+    assert not into.exists()

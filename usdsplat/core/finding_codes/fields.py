@@ -44,6 +44,11 @@ CODES: dict[str, Code] = {
         "a reaction-diffusion pattern is finer than the splats can show",
         "increase splatSim:rd:patternScale, or use more splats",
     ),
+    "large-splats": Code(
+        "note",
+        "splats stay larger than splatSim:refine:maxSize, because there are enough already",
+        "increase splatSim:refine:budget or splatSim:refine:maxSize",
+    ),
     "trapped-splats": Code(
         "warning",
         "splats remain inside affectors",
@@ -143,8 +148,15 @@ CODES: dict[str, Code] = {
     "broken-chunk": Code(
         "error",
         "a layer with the splats of a tree cannot be read, or does not fit its table",
-        "restore the layer, or build the tree again",
+        "restore the layer, or build the tree again; if it replaces the splats on purpose, clear "
+        "splat:chunkDigests",
         "coarser nodes are drawn in its place, or nothing",
+    ),
+    "edited-chunk": Code(
+        "warning",
+        "the splats in a layer of a tree are not those with which the tree was built",
+        "build the tree again, so that its coarser levels show the change",
+        "coarser levels do not show the change",
     ),
     # --- other files ---
     "not-converted": Code(

@@ -122,7 +122,19 @@ CODES: dict[str, Code] = {
         "a camera has a shutter or a lens, but one sample shows no blur",
         "render with several samples, for example --samples 64",
     ),
-    "repeated-ids": Code(
+    "small-budget": Code(
+        "warning",
+        "a splat budget is less than what the coarsest levels of the splat trees in view need",
+        "raise the budget to the number in the sentence",
+        "it is exceeded",
+    ),
+    "unread-nodes": Code(
+        "warning",
+        "a picture does not wait for the nodes of splat trees, and some were not read yet",
+        "leave out --no-node-wait, or author splat:nodeWait true",
+        "coarser ones are drawn in their place",
+    ),
+    "repeated-element-ids": Code(
         "warning",
         "a picture has the element ids of a splat tree with more splats and proxies than ids of 32 "
         "bits",

@@ -5,7 +5,6 @@ Chunks are layers that no stage composes. Their edits and their files are theref
 
 from __future__ import annotations
 
-import os
 import threading
 import time
 from collections import Counter
@@ -29,13 +28,12 @@ from usdsplat.images.color import color_space
 from usdsplat.images.grade import grade_matrix
 from usdsplat.render.lod.tree import TreeSpec
 from usdsplat.render.specs import ProjectionMode, RasterizeMode, SortingMode
-from usdsplat.schema.chunks import ChunkReader
+from usdsplat.schema.chunks import ChunkReader, chunk_stamp
 from usdsplat.schema.lod_roots import tree_level
 from usdsplat.schema.tree import Tree, chunk_files, chunk_shape, read_tree
 from usdsplat.schema.validation.trees import broken_chunks, missing_chunks
 
-CHUNKS = "splat:chunks"
-PROPERTIES = ("splat:node", CHUNKS, "splat:lod:")
+PROPERTIES = ("splat:node", "splat:chunk", "splat:lod:")
 """Beginnings of the names of properties that a tree is read from, besides those of fields."""
 
 POLL = 1.0
@@ -95,7 +93,7 @@ class Chunks:
         return TreeSpec(
             table=_grown(tree.table if level is None else fixed_at(tree.table, level), live),
             live={node: (each.token, each.cloud) for node, each in live.items()},
-            chunks=tuple(tokens[each] for each in tree.chunks),
+            chunks=tuple((tokens[each], tree.digest(i)) for i, each in enumerate(tree.chunks)),
             load=_Loader(
                 str(prim.GetPath()), tree, self._readers[path], self._changed_since(path, tokens)
             ),
@@ -221,7 +219,7 @@ class Chunks:
         """Return the tree at `path`; live splats that do not fit its table are removed."""
         if path not in self._of_trees:
             tree = self._of_trees[path] = read_tree(prim)
-            self._readers[path] = ChunkReader(tree.chunks, tree.degree)
+            self._readers[path] = tree.reader()
             self._prims[path] = prim
             self._known[path] = {each: self._token(each) for each in tree.chunks}
             self._live[path] = {
@@ -235,11 +233,7 @@ class Chunks:
 
     def _token(self, path: str) -> tuple[Any, ...]:
         """Return a token of a chunk's content: its path, file and number of edits."""
-        try:
-            state = os.stat(path)
-        except OSError:
-            return path, None, None, self._edits[path]
-        return path, state.st_mtime_ns, state.st_size, self._edits[path]
+        return path, chunk_stamp(path), self._edits[path]
 
     def _collect(self, notice: Any, sender: Any) -> None:
         with self._lock:
@@ -306,10 +300,12 @@ class _Loader:
         return found
 
     def _check_rows(self, chunk: int) -> None:
-        """Raise an error if the chunk has other rows than the nodes: it may be one of a tree that
-        was built anew, whose table has not been read."""
-        table, path = self._tree.table, self._tree.chunks[chunk]
-        rows, expected = chunk_shape(path)[0], int(table.sizes[table.chunk == chunk].sum())
-        if rows != expected:
+        """Raise an error if the chunk has another number of rows than before: it may be one of a
+        tree that was built anew, whose table has not been read. One that states the digest in the
+        table is not."""
+        path, before = self._tree.chunks[chunk], self._reader.counts.get(chunk)
+        if before is None or self._tree.digest(chunk):
+            return
+        if (rows := chunk_shape(path)[0]) != before:
             found = f"{rows} splats after a change of the file"
-            raise StageError(path, found, f"{expected}, as in the tree; reload the stage")
+            raise StageError(path, found, f"{before} as before; reload the stage")

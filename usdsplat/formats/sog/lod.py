@@ -41,11 +41,16 @@ def read_meta(path: Path) -> tuple[Path, LodMeta]:
         FormatError: If it is invalid.
     """
     path = path / LOD_META if path.is_dir() else path
+    return path, parse_lod_meta(str(path), _text(path))
+
+
+def _text(path: Path) -> bytes:
+    """Return the content of `lod-meta.json`, which has a maximum length."""
     with path.open("rb") as file:
         text = file.read(LOD_META_LIMIT + 1)
     if len(text) > LOD_META_LIMIT:
         raise FormatError(str(path), f"over {LOD_META_LIMIT} bytes", "no more")
-    return path, parse_lod_meta(str(path), text)
+    return text
 
 
 def read(path: Path, how: ReadOptions = READ_OPTIONS) -> Capture:

@@ -22,9 +22,10 @@ from usdsplat.formats.sog.lod_nodes import MOST_LEVELS, LodNodes, NodeReader
 from usdsplat.formats.sog.meta import META
 
 LOD_META = "lod-meta.json"
-LOD_META_LIMIT = 1 << 26
-"""Maximum size of the file [byte]: some 150,000 leaves with seven levels each."""
+LOD_META_LIMIT = 1 << 25
+"""Maximum size of the file [byte]: some 80,000 leaves with seven levels each."""
 
+_KEYS = ("version", "lodLevels", "filenames", "counts", "environment")
 _NAMES = 1 << 22
 """Maximum length of the list of files [character]: some 200,000 names."""
 
@@ -63,9 +64,10 @@ def parse_lod_meta(where: str, text: bytes) -> LodMeta:
 
     Raises:
         FormatError: If it is not JSON, or a value is missing or invalid: a name outside the folder,
-            or a splat that occurs twice in a level.
+            or a splat that occurs twice.
     """
     reader = JsonReader(where, text)
+    del text  # the reader has a copy
     meta: dict[str, Any] = {}
     nodes = None
     if reader.next() != "{":
@@ -73,8 +75,10 @@ def parse_lod_meta(where: str, text: bytes) -> LodMeta:
     for key in reader.items():
         if key == "tree":
             nodes = NodeReader(where, reader).read()
-        else:
+        elif key in _KEYS:
             meta[key] = reader.value(_NAMES)
+        else:
+            reader.value(_NAMES)
     reader.end()
     whole(f"{where}: version", meta.get("version", 1), 1, 1)
     levels = whole(f"{where}: lodLevels", meta.get("lodLevels"), 1, MOST_LEVELS)
@@ -113,7 +117,8 @@ def _name(where: str, name: Any) -> str:
 
 
 def _check_ranges(where: str, nodes: LodNodes, levels: int, names: list[str]) -> None:
-    """Raise an error for a range of no level or file, and for splats that a level has twice."""
+    """Raise an error for a range of no level or file, and for splats that are in two ranges, of one
+    level or of two."""
     at = f"{where}: tree"
     if (beyond := nodes.range_level[nodes.range_level >= levels]).size:
         expected = f"a range of a level below {levels}"
@@ -121,12 +126,9 @@ def _check_ranges(where: str, nodes: LodNodes, levels: int, names: list[str]) ->
     if (unknown := nodes.range_file[nodes.range_file >= len(names)]).size:
         expected = f"a whole number from 0 to {len(names) - 1}"
         raise FormatError(f"{at}: file", str(unknown[0]), expected)
-    order = np.lexsort((nodes.range_first, nodes.range_file, nodes.range_level))
-    level, file, first = (
-        each[order] for each in (nodes.range_level, nodes.range_file, nodes.range_first)
-    )
-    ends = first + nodes.range_count[order]
-    same = (level[1:] == level[:-1]) & (file[1:] == file[:-1])
+    order = np.lexsort((nodes.range_first, nodes.range_file))
+    file, first = nodes.range_file[order], nodes.range_first[order]
+    ends, same = first + nodes.range_count[order], file[1:] == file[:-1]
     if (twice := np.flatnonzero(same & (first[1:] < ends[:-1]))).size:
         row = twice[0] + 1
         raise FormatError(at, f"splat {first[row]} of {names[file[row]]} twice", "each once")

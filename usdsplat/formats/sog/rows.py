@@ -52,6 +52,22 @@ def file_bytes(path: str) -> int:
         return files.total_bytes
 
 
+def stamp(path: str) -> tuple[int, int]:
+    """Return two numbers that change when a SOG is written: time and size of an archive, or those
+    of all files in the folder of a `meta.json`. They have a meaning within one process only.
+
+    Raises:
+        OSError: If there is no such file, or the folder cannot be listed.
+    """
+    state = os.stat(path)
+    if os.path.basename(path).lower() != META:
+        return state.st_mtime_ns, state.st_size
+    with os.scandir(os.path.dirname(path) or ".") as entries:
+        states = [(entry.name, entry.stat()) for entry in entries if entry.is_file()]
+    files = sorted((name, each.st_mtime_ns, each.st_size) for name, each in states)
+    return hash(tuple(files)), sum(size for _, _, size in files)
+
+
 @contextmanager
 def _opened(path: str) -> Iterator[SogFiles]:
     """Open a SOG that a stage names.
@@ -100,10 +116,18 @@ class SogRows:
         codes.decode([(first, first + count)], builder, 0)
         return builder.cloud()[0]
 
+    def count(self, path: str) -> int:
+        """Return the number of splats of a file. One that was read last is not read again.
+
+        Raises:
+            FormatError: As for `read`.
+            OSError: As for `read`.
+        """
+        return len(self._codes(path))
+
     def _codes(self, path: str) -> SogCodes:
         """Return the codes of a file; threads that ask for the same file wait for one of them."""
-        state = os.stat(path)
-        key = path, state.st_mtime_ns, state.st_size
+        key = path, *stamp(path)
         with self._lock:
             reading = self._reading.setdefault(key, threading.Lock())
         with reading:

@@ -57,7 +57,7 @@ from usdsplat.render.specs import RasterizeMode
 from usdsplat.schema.lod_root_authoring import name_lod_root
 from usdsplat.schema.packing import harmonics_width
 from usdsplat.schema.stage_values import up_axis
-from usdsplat.schema.tree import author_tree
+from usdsplat.schema.tree import author_digests, author_tree
 
 LEAST_LEAF, LEAST_MEMORY = 256, 768 << 20
 """Smallest size of leaves [splat], smallest limit of memory [byte]."""
@@ -185,7 +185,7 @@ class _Job:
             device=device,
             told=told,
         ).build()
-        table, sizes = assemble(root, folder.chunks)
+        table, sizes, digests = assemble(root, folder.chunks)
         meter = ErrorMeter(
             table=table,
             sizes=sizes,
@@ -209,7 +209,7 @@ class _Job:
             self._form(stage),
             degree=meeting.degree,
         )
-        prim = self._authored(stage, placed, table, tree_files, notes)
+        prim = self._authored(stage, placed, table, digests, tree_files, notes)
         layer = referring(
             stage.GetRootLayer(),
             prim.GetPath().ReplaceName(COARSE),
@@ -243,6 +243,7 @@ class _Job:
         stage: Usd.Stage,
         placed: Placement,
         table: NodeTable,
+        digests: Sequence[str],
         tree_files: TreeFiles,
         notes: Sequence[str],
     ) -> Usd.Prim:
@@ -262,6 +263,7 @@ class _Job:
             drawing=self.meeting.drawing,
             pixel=self.meeting.pixel,
         )
+        author_digests(prim, digests)
         beside = UsdGeom.Xform.Define(stage, path.ReplaceName(COARSE)).GetPrim()
         for each in (prim, beside):
             set_op(each, placed.matrix)
@@ -320,7 +322,7 @@ class _Job:
             degree=self.meeting.degree,
             nodes=len(table),
             leaves=int(leaves.sum()),
-            levels=int(table.depths().max()) + 1,
+            levels=len(table.levels()),
             chunks=int(table.chunk.max()) + 1,
             residents=int(table.residents.sum()),
             size=sum(

@@ -18,6 +18,7 @@ from usdsplat.interchange import files
 from usdsplat.interchange.authoring import prepare
 from usdsplat.interchange.lod.runs import cloud_of, rows_of
 from usdsplat.schema import DrawingHints
+from usdsplat.schema.chunk_layers import state_digest
 from usdsplat.schema.packed import SLACK
 
 FIELD = "/splats"
@@ -60,6 +61,8 @@ class ChunkNodes:
     """Typical size of the proxies of each node [unit], 0 for a leaf, shape (k,)."""
     strays: SplatCloud
     """Splats that are too large for these nodes and belong to one above."""
+    digest: str
+    """Digest of the splats of the chunk."""
 
     @property
     def first_rows(self) -> I64:
@@ -75,8 +78,11 @@ def chunk_name(number: int) -> str:
 
 def write_chunk(
     target: Path, cloud: SplatCloud, form: ChunkForm, *, has_leaves: bool
-) -> SplatCloud:
-    """Write splats as the layer of a chunk, and return them as they are drawn.
+) -> tuple[SplatCloud, str]:
+    """Write splats as the layer of a chunk.
+
+    Returns:
+        The splats as they are drawn, and their digest, which the layer states.
 
     Raises:
         OutputError: If the file cannot be written.
@@ -92,8 +98,9 @@ def write_chunk(
         drawing=form.hints(of_leaves=has_leaves),
     )
     stage.SetDefaultPrim(prim)
+    digest = state_digest(stage.GetRootLayer())
     files.save(stage.GetRootLayer(), target)
-    return schema.fetch(prim)
+    return schema.fetch(prim), digest
 
 
 def read_chunk(path: Path) -> SplatCloud:
@@ -141,6 +148,7 @@ def write_nodes(chunk: Path, nodes: ChunkNodes) -> None:
             high=nodes.high,
             sizes=nodes.sizes,
             strays=rows_of(nodes.strays),
+            digest=nodes.digest,
         )
 
 
@@ -148,7 +156,8 @@ def read_nodes(chunk: Path) -> ChunkNodes:
     """Return what `write_nodes` wrote."""
     with np.load(chunk.with_suffix(_NOTES), allow_pickle=False) as found:
         arrays = dict(found)
-    return ChunkNodes(strays=cloud_of(arrays.pop("strays")), **arrays)
+    strays, digest = cloud_of(arrays.pop("strays")), str(arrays.pop("digest"))
+    return ChunkNodes(strays=strays, digest=digest, **arrays)
 
 
 def is_finished(chunk: Path) -> bool:

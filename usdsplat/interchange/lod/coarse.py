@@ -16,6 +16,7 @@ from usdsplat.core.node_table import NodeTable
 from usdsplat.interchange import files
 from usdsplat.interchange.authoring import prepare
 from usdsplat.interchange.lod.chunks import ChunkForm
+from usdsplat.schema.chunks import ChunkReader
 from usdsplat.schema.extent import compute_extent
 from usdsplat.schema.lod_root_authoring import author_lod_root
 from usdsplat.schema.tree_cuts import read_rows
@@ -81,8 +82,8 @@ def write_coarse(
         OutputError: If the file cannot be written.
     """
     levels = coarse_levels(table)
-    names = list(map(str, chunks))
-    clouds = [read_rows(names, each.cut.rows(table), degree) for each in levels]
+    reader = ChunkReader(list(map(str, chunks)), degree)
+    clouds = [read_rows(reader, each.cut.rows(table), degree) for each in levels]
     fields, thresholds = clouds[:1], [_LARGEST]
     for each, cloud in zip(levels[1:], clouds[1:], strict=True):
         area = math.pi * (_radius(clouds) / each.error) ** 2 / _PICTURE

@@ -145,7 +145,7 @@ class NodeBuilder:
         proxies = np.array([len(node.proxies) for node in nodes], np.int64)
         residents = np.array([len(node.residents) for node in nodes], np.int64)
         own = joined([part for node in nodes for part in (node.proxies, node.residents)])
-        drawn = chunks.write_chunk(path, own, self.form, has_leaves=has_leaves)
+        drawn, digest = chunks.write_chunk(path, own, self.form, has_leaves=has_leaves)
         low, high = chunks.boxes_of(drawn, proxies + residents)
         if number == 0:  # each node of the chain is above the next one
             low = np.minimum.accumulate(low[::-1], axis=0)[::-1]
@@ -157,6 +157,7 @@ class NodeBuilder:
             high=np.maximum(high, [node.high for node in nodes]),
             sizes=np.array([node.size for node in nodes]),
             strays=strays,
+            digest=digest,
         )
         chunks.write_nodes(path, found)
         return drawn, found

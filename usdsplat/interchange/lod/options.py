@@ -33,9 +33,10 @@ class LodOptions:
     leaf_splats: int = LEAF_SPLATS
     """Largest number of splats of a leaf, and of proxies of a node."""
     pixel: float | None = None
-    """Size of the pixel whose low-pass is baked into merged splats [unit of the file]; 0 bakes
-    none. None is the footprint of the photographs where it is authored, else that of a picture of
-    540 lines that frames an input, and 0 if all inputs are antialiased."""
+    """Size of the pixel whose low-pass is baked into merged splats [unit of the file], at most the
+    size of all inputs; 0 bakes none. None is the footprint of the photographs where it is authored,
+    else that of a picture of 540 lines that frames an input, and 0 if all inputs are antialiased.
+    """
     memory_limit: int = MEMORY
     """Memory of the process [byte]; what does not fit is on disk beside the target."""
     reading: ReadOptions = READ_OPTIONS

@@ -27,10 +27,10 @@ from usdsplat.interchange.lod.tree_rows import TreeRows
 from usdsplat.interchange.options import StageReading
 from usdsplat.interchange.outliers import weighted_median
 from usdsplat.interchange.placement import stage_frame
-from usdsplat.interchange.tree_reading import TreeReading
 from usdsplat.interchange.unapplied import unapplied
 from usdsplat.schema import attributes, packing, registration, tokens
 from usdsplat.schema.composition import composition_findings
+from usdsplat.schema.tree_cuts import TreeReading
 
 _BLOCK = 1 << 20  # centres transformed at a time
 
@@ -189,7 +189,7 @@ class _TreeField:
 
     def __init__(self, reading: TreeReading) -> None:
         tree = reading.tree
-        self._rows = TreeRows(tree.table, tree.chunks, tree.degree)
+        self._rows = TreeRows(tree.table, tree.reader())
         self.count = self._rows.count
         """Number of splats."""
 

@@ -15,6 +15,7 @@ from usdsplat.interchange.lod.sources import bounds, described, survey_of
 from usdsplat.interchange.lod.survey import Survey
 from usdsplat.interchange.lod.tree_rows import TreeRows
 from usdsplat.interchange.streamed import StreamedSog
+from usdsplat.schema.chunks import ChunkReader
 
 
 class StreamedSource:
@@ -72,4 +73,4 @@ class StreamedSource:
     def _rows(self) -> TreeRows:
         """Reader of the splats."""
         streamed = self._streamed
-        return TreeRows(streamed.table, streamed.chunks, streamed.degree)
+        return TreeRows(streamed.table, ChunkReader(streamed.chunks, streamed.degree))

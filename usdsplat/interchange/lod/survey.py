@@ -122,7 +122,7 @@ def meet(surveys: Sequence[Survey], *, sh_degree: int | None, pixel: float | Non
         pixel: Pixel of the baked low-pass [unit of the tree]; None for that of the inputs.
 
     Raises:
-        UsageError: If colour spaces differ.
+        UsageError: If colour spaces differ, or the pixel is larger than all inputs.
         StageError: If there is no splat.
     """
     surveys, notes = _with_shared_axes(surveys)
@@ -143,7 +143,10 @@ def meet(surveys: Sequence[Survey], *, sh_degree: int | None, pixel: float | Non
         matrix = np.eye(4)
         matrix[:3, :3] = factor * axes.change(each.frame, first.frame)
         maps.append(matrix)
-    antialiased = all(each.antialiased for each in surveys)
+    antialiased, cube = all(each.antialiased for each in surveys), _cube(surveys, maps)
+    if pixel is not None and pixel > cube.edge:
+        expected = f"0 to {cube.edge:.4g}, the size of all inputs"
+        raise UsageError("pixel", f"{pixel:g}", expected)
     if pixel is None:
         sizes = [each.pixel * factor for each, factor in zip(surveys, factors, strict=True)]
         counts = [each.count for each in surveys]
@@ -155,7 +158,7 @@ def meet(surveys: Sequence[Survey], *, sh_degree: int | None, pixel: float | Non
         frame_source=first.frame_source,
         meters_per_unit=unit,
         maps=tuple(maps),
-        cube=_cube(surveys, maps),
+        cube=cube,
         degree=degree if sh_degree is None else min(degree, sh_degree),
         color_space=first.color_space,
         drawing=replace(drawing, rasterize_mode="antialiased" if antialiased else "classic"),

@@ -13,16 +13,17 @@ from usdsplat.interchange.lod.nodes import chunk_numbers
 from usdsplat.interchange.lod.partition import Branch
 
 
-def assemble(root: Branch, folder: Path) -> tuple[NodeTable, F64]:
-    """Return the table with the errors 0 for leaves and 1 for inner nodes, and typical sizes.
+def assemble(root: Branch, folder: Path) -> tuple[NodeTable, F64, tuple[str, ...]]:
+    """Return the table with the errors 0 for leaves and 1 for inner nodes, typical sizes, and
+    digests.
 
     Args:
         root: The tree.
         folder: Folder of its chunks.
 
     Returns:
-        The table, and the typical size of the proxies of each node [unit], 0 for a leaf, shape
-        (n,).
+        The table; the typical size of the proxies of each node [unit], 0 for a leaf, shape (n,);
+        and the digest of each chunk.
     """
     branches, numbers = root.breadth_first(), chunk_numbers(root)
     top = read_nodes(folder / chunk_name(0))
@@ -48,4 +49,4 @@ def assemble(root: Branch, folder: Path) -> tuple[NodeTable, F64]:
         proxies=np.concatenate([each.proxies for each in found]),
         residents=np.concatenate([each.residents for each in found]),
     )
-    return table, sizes
+    return table, sizes, tuple(each.digest for each in found)  # chunks are numbered in this order

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -25,11 +25,10 @@ class TreeRows:
 
     Args:
         table: A valid table.
-        chunks: Resolved paths of its chunks.
-        degree: Degree of the harmonics.
+        reader: Reader of its chunks.
     """
 
-    def __init__(self, table: NodeTable, chunks: Sequence[str], degree: int) -> None:
+    def __init__(self, table: NodeTable, reader: ChunkReader) -> None:
         rows = np.array(level_cut(table, 0).rows(table), np.int64).reshape(-1, 3)
         chunk, first, count = rows.T
         # Nodes that follow each other in a chunk are read together.
@@ -38,7 +37,7 @@ class TreeRows:
         self._chunk, self._first = chunk[starts], first[starts]
         ends = np.cumsum(count)
         self._ends = ends[np.append(starts[1:], True)] if len(rows) else ends
-        self._reader = ChunkReader(chunks, degree)
+        self._reader = reader
         self.count = int(ends[-1]) if len(rows) else 0
         """Number of splats."""
 

@@ -22,7 +22,7 @@ from usdsplat.formats.options import READ_OPTIONS
 from usdsplat.interchange.lod.options import LodOptions
 from usdsplat.interchange.lod.survey import Survey
 
-VERSION = 2
+VERSION = 3
 """Version of what the files in the folder mean."""
 
 _JOB, _SURVEYS = "job.json", "surveys.json"

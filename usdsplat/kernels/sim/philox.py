@@ -61,5 +61,5 @@ def _unit(word):
     return np.float32(word >> np.uint32(8)) * _UNIT
 
 
-GRID, SEEDS, CARRIERS, BIRTH, DISSOLVE, IMPULSE, STAGGER, NOISE = range(8)
+GRID, SEEDS, CARRIERS, BIRTH, DISSOLVE, IMPULSE, STAGGER, NOISE, ACCRETION = range(9)
 """Purposes of random numbers. Each stage has its own stream."""

@@ -7,14 +7,16 @@ import time
 from collections.abc import Callable
 from functools import partial
 
-from pxr import Usd
+from pxr import Sdf, Usd
 
 from usdsplat.core.errors import StageError
 from usdsplat.kernels.device import Device
 from usdsplat.preview.simulating.job import Host, Job
 from usdsplat.preview.simulating.live_layer import LiveLayer
 from usdsplat.preview.simulating.watching import LiveRecipe, Watch
+from usdsplat.sim.stage.refinement import Refining
 from usdsplat.sim.stage.simulation import Simulation, baked_fields
+from usdsplat.sim.stage.twins import in_session, leave_session
 
 AHEAD = 240
 """Number of frames examined in advance if a stage has no range, to prepare the solver."""
@@ -46,6 +48,8 @@ class LiveRun(Job):
         super().__init__(host, device, changed)
         self.layer: LiveLayer | None = None
         """Layer of the frames; access only with the stage's lock."""
+        self.refined: Sdf.Layer | None = None
+        """Layer of refined captures, below that of the frames."""
         self.frame: float | None = None
         self.frames: tuple[float, float] | None = None
         self.end: float | None = None
@@ -53,6 +57,20 @@ class LiveRun(Job):
         self.seconds = 0.0
         self.message = ""
         self._budget, self._is_paced = budget, is_paced
+
+    @property
+    def layers(self) -> list[str]:
+        """Identifiers of the layers that the run adds to the session."""
+        own = self.layer.identifier if self.layer else ""
+        refined = self.refined.identifier if self.refined else ""
+        return [name for name in (own, refined) if name]
+
+    def remove(self) -> None:
+        """Remove these layers; requires the stage's lock."""
+        if self.layer is not None:
+            self.layer.remove()
+        if self.refined is not None:
+            leave_session(self._host.stage, self.refined)
 
     def work(self) -> None:
         """Implement `Job.work`."""
@@ -75,6 +93,7 @@ class LiveRun(Job):
             device=self._device,
             reading=self._reading,
             kind=partial(LiveRecipe, watch=watch),
+            refining=Refining(compose=self._compose),
         )
         with self._reading:
             watch.begin(simulation)
@@ -111,6 +130,11 @@ class LiveRun(Job):
                 self.gate.rest(due - now)
             began, held = time.perf_counter(), self.gate.held
         self.message = "the last frame is done; Run starts again"
+
+    def _compose(self, stage: Usd.Stage, layer: Sdf.Layer) -> Usd.Stage:
+        """Show refined captures on the stage."""
+        self.refined = layer
+        return in_session(stage, layer)
 
     def _refused(self, error: StageError) -> None:
         """Report an error and wait until work is resumed after the stage is fixed."""

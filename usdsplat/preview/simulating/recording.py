@@ -16,6 +16,7 @@ from usdsplat.preview.simulating.job import Host, Job
 from usdsplat.preview.simulating.live import span
 from usdsplat.sim.stage.provenance import read_record
 from usdsplat.sim.stage.simulating import SimulateOptions, simulate
+from usdsplat.sim.stage.twins import twin
 
 
 class Recording(Job):
@@ -102,29 +103,6 @@ def can_resume(target: Path) -> bool:
         return False
     record = read_record(layer)
     return record is not None and bool(record.get("checkpoint"))
-
-
-def twin(stage: Usd.Stage, without: Sequence[str]) -> Usd.Stage:
-    """Return another stage with the same layers and a copy of the session layer.
-
-    Args:
-        stage: The stage; the caller holds its lock.
-        without: Identifiers of sublayers of the session layer to leave out.
-    """
-    session = Sdf.Layer.CreateAnonymous("recorded.usda")
-    session.TransferContent(stage.GetSessionLayer())
-    session.subLayerPaths = [path for path in session.subLayerPaths if path not in without]
-    made = Usd.Stage.OpenMasked(
-        stage.GetRootLayer(),
-        session,
-        stage.GetPathResolverContext(),
-        stage.GetPopulationMask(),
-        Usd.Stage.LoadNone,
-    )
-    made.SetLoadRules(stage.GetLoadRules())
-    made.MuteAndUnmuteLayers(stage.GetMutedLayers(), [])
-    made.SetInterpolationType(stage.GetInterpolationType())
-    return made
 
 
 def _range(stage: Usd.Stage) -> list[float]:

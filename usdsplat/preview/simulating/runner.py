@@ -151,7 +151,6 @@ class Runner:
         if self._live is not None:
             self._live.gate.hold()
         with self._document.lock:
-            layer = self._live.layer if self._live else None
             recording = Recording(
                 self._document,
                 self._device,
@@ -159,7 +158,7 @@ class Runner:
                 target=Path(path),
                 frames=frames,
                 existing=existing,
-                without=[layer.identifier] if layer else [],
+                without=self._live.layers if self._live else [],
                 after=[each for each in self._jobs if isinstance(each, Recording)],
             )
         self._recording = recording
@@ -224,8 +223,7 @@ class Runner:
         if live is not None:
             live.gate.stop()
             with self._document.lock:
-                if live.layer is not None:
-                    live.layer.remove()
+                live.remove()
 
     def _look(self) -> None:
         with self._document.lock:

@@ -29,6 +29,7 @@ from usdsplat.sim.stage.parameters import instances, read_one
 _HEADINGS = {
     "sim": "Simulation",
     "neighbors": "Neighbours",
+    "refine": "Refinement",
     "rd": "Reaction",
     "relax": "Even spacing",
     "growth": "Growth",

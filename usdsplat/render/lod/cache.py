@@ -56,6 +56,10 @@ class NodeCache:
         self._reading: dict[Hashable, Future[Result]] = {}
         self._ahead: set[Hashable] = set()
         """Keys of the reads whose results no caller waits for."""
+        self._dropped: set[Hashable] = set()
+        """Keys of the reads whose results are not kept."""
+        self.most: int | None = None
+        """Maximum number of bytes of what is kept beside what a call wants; None for its limit."""
         self.reads = 0
         """Number of finished reads whose results no caller waited for."""
         self.on_read: Callable[[], None] = lambda: None
@@ -114,8 +118,10 @@ class NodeCache:
             missing = {key: each for key, each in wanted.items() if key not in found}
             later = {key: each for key, each in ahead.items() if key not in self._entries}
             coming = sum(each.size for each in (later | missing).values())
-            self._make_room({*wanted, *ahead}, limit - coming, now, lifetime)
+            most = limit if self.most is None else min(limit, self.most)
+            self._make_room({*wanted, *ahead}, most - coming, now, lifetime)
             self._ahead -= missing.keys()
+            self._dropped -= wanted.keys() | ahead.keys()
             pending = {key: self._submit(key, each) for key, each in missing.items()}
             for key, each in later.items():
                 if key not in self._reading:
@@ -128,6 +134,17 @@ class NodeCache:
                 raise UsageError("engine", "one that was closed", "an open one") from None
         return found
 
+    def drop(self, is_dropped: Callable[[Hashable], bool]) -> None:
+        """Drop the splats of some keys, also those that are being read."""
+        with self._lock:
+            for key in [key for key in self._entries if is_dropped(key)]:
+                self._bytes -= self._entries.pop(key).size
+            for key in [key for key in self._reading if is_dropped(key)]:
+                if key in self._ahead and self._reading[key].cancel():
+                    self._finish(key)
+                else:
+                    self._dropped.add(key)
+
     def close(self) -> None:
         """Drop everything and end the threads. The cache can be used again afterwards."""
         with self._lock:
@@ -139,6 +156,7 @@ class NodeCache:
             self._bytes = 0
             self._reading.clear()
             self._ahead.clear()
+            self._dropped.clear()
 
     # --- private ---------------------------------------------------------------------------
 
@@ -174,6 +192,7 @@ class NodeCache:
     def _finish(self, key: Hashable) -> None:
         self._reading.pop(key, None)
         self._ahead.discard(key)
+        self._dropped.discard(key)
 
     def _read(self, key: Hashable, request: Request) -> Result:
         result: Result
@@ -188,11 +207,13 @@ class NodeCache:
             raise
         with self._lock:
             is_ahead = key in self._ahead
+            is_kept = key not in self._dropped
             self._finish(key)
             if (before := self._entries.pop(key, None)) is not None:
                 self._bytes -= before.size
-            self._bytes += size
-            self._entries[key] = _Entry(result, size, self._clock())
+            if is_kept:
+                self._bytes += size
+                self._entries[key] = _Entry(result, size, self._clock())
             self.reads += is_ahead
         if is_ahead:
             self.on_read()

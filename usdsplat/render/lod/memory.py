@@ -50,6 +50,13 @@ def view_load(scene: RenderScene, view: View, settings: RenderSettings) -> ViewL
     return ViewLoad(nodes=len(read), splats=cut.splats, bytes=sum(sizes.values()))
 
 
+def held_node_bytes(scene: RenderScene, view: View, settings: RenderSettings) -> int:
+    """Return the bytes of nodes of splat trees that `estimate` counts for a picture."""
+    if not scene.has_trees:
+        return 0
+    return max(scene.node_cache.bytes, view_load(scene, view, settings).bytes)
+
+
 def estimate(
     scene: RenderScene,
     view: View,

@@ -23,7 +23,7 @@ from usdsplat.render.lod.appearances import (
     Part,
     Parts,
 )
-from usdsplat.render.lod.cache import MIB, NodeCache, Request, Result, check_limit
+from usdsplat.render.lod.cache import NodeCache, Request, Result, check_limit
 from usdsplat.render.lod.cut import Cut, Reached, choose
 from usdsplat.render.lod.gathering import TimeSampler, gathered
 from usdsplat.render.lod.measure import Bools
@@ -148,7 +148,7 @@ class PictureNodes:
             ahead: Wanted = {}
             wanted = self._wanted(cut)
             if not self._settings.node_wait:
-                check_limit((each for _, each in wanted.values()), self._settings.node_memory * MIB)
+                check_limit((each for _, each in wanted.values()), self._settings.node_bytes)
                 cut, wanted, ahead = self._in_memory(scene.node_cache, cut, wanted)
             self._release(scene, wanted)
             results = self._read(scene.node_cache, wanted, ahead)
@@ -215,7 +215,7 @@ class PictureNodes:
         meantime."""
         found = cache.get(
             dict(wanted.values()),
-            limit=self._settings.node_memory * MIB,
+            limit=self._settings.node_bytes,
             lifetime=self._settings.node_lifetime,
             ahead=dict(ahead.values()),
         )
@@ -252,7 +252,7 @@ class PictureNodes:
         drawn = self._wanted(coarser)
         self.missing = len(missing.keys() - drawn.keys())
         errors = dict(zip(self._seen, map(replaced_errors, cut.trees), strict=True))
-        ahead, room = {}, self._settings.node_memory * MIB
+        ahead, room = {}, self._settings.node_bytes
         room -= sum(request.size for _, request in (wanted | drawn).values())
         for name in sorted({**wanted, **between}, key=lambda n: -errors[n[0]].get(n[1][0], 0.0)):
             key, request = self._request(name)

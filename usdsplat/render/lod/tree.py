@@ -61,11 +61,18 @@ class TreeSpec:
         """Return how the low-pass changes the opacity of leaves, as for fields."""
         return drawn_mode(mode, self.rasterize_mode, self.footprint)
 
-    def key(self, node: int, first: int, count: int) -> Hashable:
-        """Return a key of the content of rows of a node's chunk."""
-        if node in self.live:
-            return self.live[node][0], first, count
-        return self.chunks[int(self.table.chunk[node])], first, count
+    @property
+    def tokens(self) -> frozenset[Hashable]:
+        """The tokens of all chunks and live splats."""
+        return frozenset([*self.chunks, *(token for token, _ in self.live.values())])
+
+    def token(self, node: int) -> Hashable:
+        """Return the token of the content of a node with splats."""
+        return self.live[node][0] if node in self.live else self.chunks[self.table.chunk[node]]
+
+    def key(self, node: int, first: int, count: int) -> tuple[Hashable, int, int]:
+        """Return a key of the content of rows of a node's chunk, which begins with its token."""
+        return self.token(node), first, count
 
     def read(self, node: int, first: int, count: int) -> SplatCloud:
         """Return rows of a node's chunk, or the live splats in their place; see `Load`."""
@@ -165,10 +172,14 @@ class Tree:
         return np.concatenate(found)
 
     def replace(self, spec: TreeSpec) -> None:
-        """Replace the tree. Splats of unchanged chunks stay in the cache, and prepared."""
+        """Replace the tree. Splats of unchanged chunks stay prepared."""
         before = self.spec
-        if not spec.draws_alike(before):
-            self.fields = {}
+        is_same = spec.draws_alike(before)
+        self.fields = {
+            part: each
+            for part, each in self.fields.items()
+            if is_same and spec.token(part[0]) == before.token(part[0])
+        }
         if (spec.table, spec.chunks, spec.live) != (before.table, before.chunks, before.live):
             self.subject = None
         self.spec, self.elements = spec, spec.first_elements()

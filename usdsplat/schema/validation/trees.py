@@ -12,7 +12,7 @@ from usdsplat.core.errors import StageError, UsdSplatError
 from usdsplat.core.findings import Finding, finding, from_error
 from usdsplat.core.wording import counted
 from usdsplat.schema import attributes, tokens
-from usdsplat.schema.chunks import check_chunk
+from usdsplat.schema.chunks import check_chunk, chunk_digest
 from usdsplat.schema.tree import Tree, is_tree, read_tree
 from usdsplat.schema.validation import radiance
 from usdsplat.schema.validation.finding import Sample
@@ -34,7 +34,8 @@ def splat_trees(stage: Usd.Stage) -> Iterator[Usd.Prim]:
 
 
 def check_tree(prim: Usd.Prim) -> list[Finding]:
-    """Return what is wrong with a splat tree. Every chunk is opened, but no splat is read."""
+    """Return what is wrong with a splat tree. Every chunk is opened; splats are read only for the
+    digest that the tree has of a chunk."""
     found = [
         each
         for check in (radiance.color_space, radiance.modes, radiance.grade)
@@ -75,8 +76,9 @@ def missing_chunks(prim: Usd.Prim, tree: Tree) -> list[Finding]:
 
 
 def _broken_chunks(prim: Usd.Prim, tree: Tree) -> Iterator[Finding]:
-    """Yield a finding for the first chunk that cannot be read as the table states."""
-    table, wrong = tree.table, []
+    """Yield a finding for the first chunk that cannot be read as the table states, and for the
+    first with other splats than the tree was built with."""
+    table, wrong, edited = tree.table, [], []
     for row, path in enumerate(tree.chunks):
         mine = table.chunk == row
         if not path or not mine.any():
@@ -84,19 +86,30 @@ def _broken_chunks(prim: Usd.Prim, tree: Tree) -> Iterator[Finding]:
         ends = (table.first_row + table.proxies + table.residents)[mine]
         try:
             node = int(np.flatnonzero(mine)[int(ends.argmax())])
-            check_chunk(path, int(ends.max()), tree.degree, f"for node {node}")
+            digest = tree.digest(row)
+            check_chunk(path, int(ends.max()), tree.degree, f"for node {node}", digest)
+            if digest and chunk_digest(path) not in ("", digest):
+                edited.append(path)
         except StageError as error:
             wrong.append(error)
     yield from broken_chunks(prim, wrong)
+    if edited:
+        found = f"splats of {edited[0]} that were changed{_and_more(len(edited))}"
+        expected = "those with which the tree was built"
+        yield finding("edited-chunk", str(prim.GetPath()), found, expected)
 
 
 def broken_chunks(prim: Usd.Prim, wrong: Sequence[UsdSplatError]) -> Iterator[Finding]:
     """Yield a finding for the first of the errors of a tree's chunks, if there are any."""
     if wrong:
         first = wrong[0]
-        more = f" (and {counted(len(wrong) - 1, 'more chunk')})" if len(wrong) > 1 else ""
-        found = f"in {first.where}: {first.found}{more}"
+        found = f"in {first.where}: {first.found}{_and_more(len(wrong))}"
         yield finding("broken-chunk", str(prim.GetPath()), found, first.expected)
+
+
+def _and_more(chunks: int) -> str:
+    """Return the end of a sentence on the first of some chunks."""
+    return f" (and {counted(chunks - 1, 'more chunk')})" if chunks > 1 else ""
 
 
 def _extent(prim: Usd.Prim, tree: Tree) -> Iterator[Finding]:

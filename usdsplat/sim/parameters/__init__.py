@@ -13,8 +13,11 @@ from typing import Any, TypeVar
 
 from usdsplat.core.errors import UsageError
 from usdsplat.core.knobs import Knob, checked, checked_value, knobs
+from usdsplat.sim.parameters.accretion import AccretionParameters
 from usdsplat.sim.parameters.affector import AffectorParameters
 from usdsplat.sim.parameters.mask import MaskParameters
+from usdsplat.sim.parameters.matter import CarriersParameters, MatterParameters
+from usdsplat.sim.parameters.refine import RefineParameters
 from usdsplat.sim.parameters.result import AppearanceParameters, BakeParameters, DriverParameters
 from usdsplat.sim.parameters.shape import (
     ConformParameters,
@@ -38,19 +41,23 @@ __all__ = [
     "MASK",
     "NAMED",
     "NAMESPACE",
+    "AccretionParameters",
     "AffectorParameters",
     "AppearanceParameters",
     "BakeParameters",
+    "CarriersParameters",
     "ConformParameters",
     "DeformParameters",
     "DissolveParameters",
     "DriverParameters",
     "GrowthParameters",
     "MaskParameters",
+    "MatterParameters",
     "NeighborsParameters",
     "Parameters",
     "ParticlesParameters",
     "RdParameters",
+    "RefineParameters",
     "RelaxParameters",
     "SettleParameters",
     "SimParameters",
@@ -72,10 +79,14 @@ class Parameters:
 
     sim: SimParameters = field(default_factory=SimParameters)
     neighbors: NeighborsParameters = field(default_factory=NeighborsParameters)
+    refine: RefineParameters = field(default_factory=RefineParameters)
+    carriers: CarriersParameters = field(default_factory=CarriersParameters)
     rd: RdParameters = field(default_factory=RdParameters)
     relax: RelaxParameters = field(default_factory=RelaxParameters)
     growth: GrowthParameters = field(default_factory=GrowthParameters)
+    accretion: AccretionParameters = field(default_factory=AccretionParameters)
     settle: SettleParameters = field(default_factory=SettleParameters)
+    matter: MatterParameters = field(default_factory=MatterParameters)
     conform: ConformParameters = field(default_factory=ConformParameters)
     skin: SkinParameters = field(default_factory=SkinParameters)
     particles: ParticlesParameters = field(default_factory=ParticlesParameters)
@@ -87,10 +98,14 @@ class Parameters:
 GROUPS: dict[str, type] = {
     "sim": SimParameters,
     "neighbors": NeighborsParameters,
+    "refine": RefineParameters,
+    "carriers": CarriersParameters,
     "rd": RdParameters,
     "relax": RelaxParameters,
     "growth": GrowthParameters,
+    "accretion": AccretionParameters,
     "settle": SettleParameters,
+    "matter": MatterParameters,
     "conform": ConformParameters,
     "skin": SkinParameters,
     "particles": ParticlesParameters,
@@ -137,7 +152,7 @@ def masked_parameters() -> tuple[str, ...]:
 def camel(name: str) -> str:
     """Return a name in USD's spelling: `pattern_scale` is `patternScale`."""
     first, *rest = name.split("_")
-    return first + "".join(word.title() for word in rest)
+    return first + "".join(word[:1].upper() + word[1:] for word in rest)
 
 
 def legal(where: str, cls: type[T], values: Mapping[str, Any]) -> T:

@@ -30,7 +30,7 @@ class SettleParameters:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ConformParameters:
-    """Motion onto a target, the mesh of rel splatSim:conform:target."""
+    """Motion onto a target, the mesh or splat field of rel splatSim:conform:target."""
 
     weight: float = knob(
         0.0,
@@ -47,14 +47,21 @@ class ConformParameters:
         1.0, "time between the start of the first splat and the last", unit="s", range=(0.0, INF)
     )
     order: Literal["random", "distance"] = knob(
-        "random",
-        "which splats start first: random ones, or the nearest to the target",
+        "distance",
+        "which splats start first: random ones, or those with the shortest way",
         uniform=True,
     )
-    mode: Literal["closest", "projectAlong", "normalRay", "optimalSpread"] = knob(
-        "closest",
-        "point on the target: the closest one, that of a ray along axis, that of a ray along the "
-        "splat's normal, or the closest one, redistributed evenly over the target",
+    order_primvar: str = knob(
+        "",
+        "primvar of the field, float[], that says which splats start first, 0, and last, 1; "
+        "replaces order in mode transport",
+        uniform=True,
+    )
+    mode: Literal["transport", "closest", "projectAlong", "normalRay", "optimalSpread"] = knob(
+        "transport",
+        "point on the target: transport covers a mesh or another capture evenly and keeps "
+        "neighbours together; the others take the closest point of a mesh, that of a ray along "
+        "axis, that of a ray along the splat's normal, or the closest one, redistributed evenly",
         uniform=True,
     )
     axis: tuple[float, float, float] = knob(
@@ -65,17 +72,24 @@ class ConformParameters:
     )
     path: Literal["straight", "slide"] = knob(
         "straight",
-        "path to the target: a straight line, or along the target's surface with decreasing height",
+        "path to the target: a straight line, or along the target's surface with decreasing "
+        "height; for mode transport see arc",
         uniform=True,
+    )
+    arc: float = knob(
+        0.25,
+        "height of the arcs on which mode transport moves splats, relative to the way; 0 is a "
+        "straight line, less than 0 bends inwards",
+        range=(-4.0, 4.0),
     )
     orient: float = knob(1.0, "how far splats rotate to lie flat on the target", range=(0.0, 1.0))
     scale_mode: Literal["preserve", "density", "flatten"] = knob(
         "preserve",
         "sizes on the target: unchanged, scaled with the spacing of splats, or flattened onto the "
-        "surface",
+        "surface; mode transport always follows the spacing",
     )
     keep_thickness: float = knob(
-        1.0,
+        0.1,
         "fraction of its height over the capture's surface that a splat keeps",
         range=(0.0, 1.0),
     )

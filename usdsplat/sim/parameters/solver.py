@@ -162,10 +162,24 @@ class RdParameters:
     direction: tuple[float, float, float] = knob(
         (0.0, 1.0, 0.0), "direction of anisotropy, in the field's space", usd_type="vector3f"
     )
-    seed_mode: Literal["points", "selection", "noise"] = knob(
+    seed_mode: Literal["points", "selection", "noise", "affectors"] = knob(
         "points",
         "where the pattern starts: balls around random points, splats with a weight above one "
-        "half, or patches of noise; affectors of the role seed start it too",
+        "half, patches of noise, or only affectors of the role seed, which start it in all modes",
+        uniform=True,
+    )
+    front_speed: float = knob(
+        -1.0,
+        "speed at which the pattern spreads from its seeds over the surface, in distances of "
+        "carriers; negative: the pattern starts everywhere at once",
+        unit="1/s",
+        range=(-1.0, INF),
+        uniform=True,
+    )
+    seeds: int = knob(
+        12,
+        "number of seeds from which a front spreads, for seedMode points",
+        range=(1, 10_000),
         uniform=True,
     )
     seed_density: float = knob(

@@ -50,9 +50,9 @@ class DenseAuthor:
             value = getattr(sample, array)
             if value is not None:
                 self._array(part, name, value, sample.time)
-        if plan.retype:
+        if plan.degree >= 0:
             degree = part.attribute(plan.path, tokens.SH_DEGREE, _Type.Int, uniform=True)
-            degree.default = plan.rest.sh_degree
+            degree.default = plan.degree
         common(part, plan, sample)
 
     def _array(self, part: SampleLayer, name: str, value: Array, time: float) -> None:

@@ -6,6 +6,7 @@
     bake_data/manifest.usda which attributes are in the clips
     bake_data/samples.usdc  all samples; written at the end, except in mode clips
     bake_data/kept_checkpoint   state at the first frame of the last epoch, to add frames from
+    bake_data/refined.usdc  the refined captures, below the samples; only if there are some
     bake_data/checkpoint, bake_data/*.frame     state to resume from; removed at the end
 
 Except in mode clips, `samples.usdc` replaces `clip.*`, `clips.usda` and `manifest.usda`.
@@ -30,11 +31,12 @@ from pxr import Sdf, Tf, Usd, UsdGeom, Vt
 
 from usdsplat.core.errors import FormatError, OutputError, StageError
 from usdsplat.core.output import output_group
-from usdsplat.core.readable import check_referable
+from usdsplat.core.readable import check_referable, readable
 from usdsplat.schema import tokens
 from usdsplat.schema.usd_files import export_layer
 from usdsplat.schema.value_clips import stage_files
 from usdsplat.sim.checkpoint import time_of
+from usdsplat.sim.stage import refined_layer
 from usdsplat.sim.stage.bake_findings import is_unfinished
 from usdsplat.sim.stage.plan import Plan
 from usdsplat.sim.stage.provenance import nested
@@ -43,6 +45,8 @@ from usdsplat.sim.stage.sample_layer import Part, declare, merge, sampled
 _CLIPS = ("clip.*.usdc", "clips.usda", "manifest.usda")
 _WORK = ("checkpoint", "*.frame")
 _KEPT = "kept_checkpoint"
+REFINED = "refined.usdc"
+_DATA = ("samples.usdc", REFINED)
 
 
 class BakeLayers:
@@ -54,6 +58,7 @@ class BakeLayers:
         self._stage = stage
         self._plans = plans
         self.rate = float(stage.GetTimeCodesPerSecond())
+        self._refined = refined_layer.find(stage)
         self._check()
 
     @property
@@ -71,6 +76,11 @@ class BakeLayers:
         """Path of the file of all samples, whether it exists or not."""
         return self.folder / "samples.usdc"
 
+    @property
+    def refined(self) -> Path:
+        """Path of the refined captures, whether there are some or not."""
+        return self.folder / REFINED
+
     def clip(self, number: int) -> Path:
         """Return the file of an epoch."""
         return self.folder / f"clip.{number:04d}.usdc"
@@ -82,7 +92,9 @@ class BakeLayers:
         except OSError as error:
             found = error.strerror or str(error)
             raise OutputError(str(self.folder), found, "a folder that can be made") from error
-        self._remove((*_CLIPS, *_WORK, _KEPT, "samples.usdc"))
+        self._remove((*_CLIPS, *_WORK, _KEPT, *_DATA))
+        if self._refined is not None:
+            export_layer(self._refined, self.refined)
 
     def end(self, *, keeps_clips: bool, keeps_checkpoint: bool = True) -> None:
         """Remove everything that the named layer does not need."""
@@ -104,7 +116,7 @@ class BakeLayers:
                 self.end(keeps_clips=not os.path.exists(data[0]))
             return
         with suppress(OSError):
-            self._remove((*_CLIPS, *_WORK, _KEPT, "samples.usdc"))
+            self._remove((*_CLIPS, *_WORK, _KEPT, *_DATA))
             self.folder.rmdir()
         if is_ours:
             with suppress(OSError):
@@ -178,12 +190,13 @@ class BakeLayers:
         first, last = record["frameRange"]
         root.startTimeCode = min(first, source.startTimeCode) if _has_range(source) else first
         root.endTimeCode = max(last, source.endTimeCode) if _has_range(source) else last
-        root.subLayerPaths = [self._relative(path) for path in (*results, source.realPath)]
+        captures = [source.realPath] if self._refined is None else [self.refined, source.realPath]
+        root.subLayerPaths = [self._relative(path) for path in (*results, *captures)]
         root.customLayerData = {**source.customLayerData, **nested(record)}
         for plan in self._plans:
             mine = nested({**record, "epsilon": plan.epsilon})
             Sdf.CreatePrimInLayer(root, plan.path).customData = mine
-            if plan.moves:
+            if plan.moves or self._refined is not None:
                 _block_hints(root, self._stage.GetPrimAtPath(plan.path))
         export_layer(root, self.target)
 
@@ -222,6 +235,21 @@ def resume_frame(target: Path) -> float | None:
     except (OSError, Tf.ErrorException, FormatError):
         pass  # damaged, or another program's
     return None
+
+
+def refined_of(target: Path) -> Sdf.Layer | None:
+    """Return the refined captures of the bake at a path, in memory; None without some.
+
+    Raises:
+        FormatError: If they are damaged.
+    """
+    path = target.with_name(f"{target.stem}_data") / REFINED
+    if not (target.exists() and path.exists()):
+        return None
+    try:
+        return Sdf.Layer.OpenAsAnonymous(readable(path))
+    except (RuntimeError, Tf.ErrorException) as error:
+        raise FormatError(str(path), "a damaged file", "the layer of refined captures") from error
 
 
 def _block_hints(root: Sdf.Layer, prim: Usd.Prim) -> None:

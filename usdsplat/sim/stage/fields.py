@@ -11,15 +11,15 @@ from usdsplat import schema
 from usdsplat.core.cloud import F32, SplatCloud
 from usdsplat.core.errors import StageError
 from usdsplat.core.findings import Finding, finding
+from usdsplat.schema.tree_cuts import TreeReading
 from usdsplat.schema.values import value, vectors
-from usdsplat.sim.stage.trees import TreeCut
 
 SELECTION = "splatSim:weight"
 """Primvar with the selection weight of splats."""
 
 
 def read_rest(
-    prim: Usd.Prim, start: Usd.TimeCode, cut: TreeCut | None = None
+    prim: Usd.Prim, start: Usd.TimeCode, cut: TreeReading | None = None
 ) -> tuple[SplatCloud, list[Finding]]:
     """Return the capture at the start, in its own space, and findings about it. That of a splat
     tree is a cut.

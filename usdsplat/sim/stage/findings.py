@@ -67,7 +67,10 @@ def _findings(simulation: Usd.Prim) -> Iterator[tuple[str, str, str]]:
     if has_target != _ever(simulation, "conform:weight"):
         found, expected = "0 and a target", "more than 0"
         if not has_target:
-            found, expected = "a weight and no target", "rel splatSim:conform:target to a mesh"
+            found, expected = (
+                "a weight and no target",
+                "rel splatSim:conform:target to a mesh or capture",
+            )
         yield f"{NAMESPACE}:conform:weight", found, expected
     mesh = simulation.GetRelationship(f"{NAMESPACE}:skin:mesh")
     skeleton = simulation.GetRelationship(f"{NAMESPACE}:skin:skeleton")

@@ -60,6 +60,8 @@ class Plan:
     """Path of the proxy that a packed bake writes; None if it writes none."""
     rasterize_mode: str
     """Mode that replaces that of a splat tree; "" for a field."""
+    degree: int
+    """Degree of the harmonics that replaces that of the field; negative keeps it."""
     lod_root: str
     """Path of the LOD root that the tree stands for, or an empty string."""
     ids: bool
@@ -94,7 +96,7 @@ def plan(stage: Usd.Stage, field: BakedField, parameters: BakeParameters) -> Pla
         retype = tokens.STOCK_TYPE
     is_whole = is_packed or bool(retype) or not field.is_fixed
     writes = set(ARRAYS) if is_whole else set(field.writes)
-    names = {each: _name(prim, each, parameters.mode) for each in ARRAYS if each in writes}
+    names = {each: attribute_of(prim, each, parameters.mode) for each in ARRAYS if each in writes}
     velocities = "positions" in writes and parameters.velocities and parameters.mode != "edit"
     half = any(name in tokens.HALF_OF.values() for name in names.values())
     known = prim.GetAttribute(tokens.IDS)
@@ -106,6 +108,7 @@ def plan(stage: Usd.Stage, field: BakedField, parameters: BakeParameters) -> Pla
         is_packed=is_packed,
         proxy=_proxy(prim) if is_packed else None,
         rasterize_mode=field.rasterize_mode,
+        degree=_degree(prim, field.rest, is_whole=bool(retype)),
         lod_root=replaced_root(prim) if schema.is_tree(prim) else "",
         ids=field.is_fixed and parameters.mode != "edit" and not (known and known.HasValue()),
         block_velocities="positions" in writes and not velocities and _has_velocities(prim),
@@ -143,19 +146,28 @@ def _check(prim: Usd.Prim, field: BakedField, parameters: BakeParameters) -> Non
             found = "usd-core " + ".".join(str(each) for each in Usd.GetVersion()[1:])
             raise StageError("bake:mode edit", found, "26.3 or later")
         if not field.is_fixed:
-            raise StageError(f"{where}, bake:mode edit", "births or deaths", "the same splats")
+            found = "splats that are born, die or are divided"
+            raise StageError(f"{where}, bake:mode edit", found, "the same splats at all frames")
         if schema.is_tree(prim):
             raise StageError(f"{where}, bake:mode edit", "a splat tree", "a stock field")
         if schema.form_of(prim) == "packed":
             raise StageError(f"{where}, bake:mode edit", "a packed field", "a stock one")
 
 
-def _name(prim: Usd.Prim, array: str, mode: str) -> str:
-    """Return the attribute that holds an array in the precision of the capture."""
+def attribute_of(prim: Usd.Prim, array: str, mode: str) -> str:
+    """Return the attribute that holds an array of ARRAYS in the precision of the capture, in a
+    bake's mode."""
     name = ARRAYS[array]
     if schema.is_packed(prim) or (array == "positions" and mode != "edit"):
         return name  # half positions cost up to 27 dB, and float ones take precedence
     return stock.source_name(prim, name)
+
+
+def _degree(prim: Usd.Prim, rest: SplatCloud, *, is_whole: bool) -> int:
+    """Return the degree of the harmonics if the layer must give it."""
+    known = prim.GetAttribute(tokens.SH_DEGREE)
+    own = known.Get() if known else None
+    return rest.sh_degree if is_whole or (own or 0) < rest.sh_degree else -1
 
 
 def _has_velocities(prim: Usd.Prim) -> bool:

@@ -7,7 +7,7 @@ change while its recipes are in use.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from typing import Any
 
@@ -18,8 +18,10 @@ from usdsplat import schema
 from usdsplat.core.cloud import F32, F64, SplatCloud
 from usdsplat.core.errors import StageError
 from usdsplat.core.findings import Finding
+from usdsplat.schema.stage_values import up_axis
 from usdsplat.sim.parameters import (
     NAMESPACE,
+    ConformParameters,
     DeformParameters,
     DriverParameters,
     Parameters,
@@ -30,21 +32,21 @@ from usdsplat.sim.specs import Deformer, Driver, Moment, SkinBinding
 from usdsplat.sim.stage import collections, fields
 from usdsplat.sim.stage.affectors import AffectorReader
 from usdsplat.sim.stage.binding import SKELETON, BindingReader
+from usdsplat.sim.stage.captures import TARGET, target_capture, with_degree
 from usdsplat.sim.stage.collections import find_simulations
 from usdsplat.sim.stage.findings import findings
 from usdsplat.sim.stage.masks import MaskReader
 from usdsplat.sim.stage.parameters import FRAME, instances, read, read_all
 from usdsplat.sim.stage.skeletons import Rigs
-from usdsplat.sim.stage.spaces import Space
+from usdsplat.sim.stage.spaces import Space, up_in
 from usdsplat.sim.stage.targets import SurfaceReader, related
-from usdsplat.sim.stage.trees import TreeCut
+from usdsplat.sim.stage.trees import simulated_cut
 
 __all__ = ["UNGUARDED", "StageRecipe", "find_simulations", "recipes"]
 
 UNGUARDED: AbstractContextManager[Any] = nullcontext()
 """Lock for a stage that only one thread uses."""
 
-TARGET = f"{NAMESPACE}:conform:target"
 RELAX_SURFACE = f"{NAMESPACE}:relax:surface"
 
 
@@ -55,6 +57,7 @@ def recipes(
     start: float | None = None,
     reading: AbstractContextManager[Any] = UNGUARDED,
     kind: Callable[..., StageRecipe] | None = None,
+    paths: Sequence[str] | None = None,
 ) -> tuple[StageRecipe, ...]:
     """Return one recipe for each field of a simulation, ordered by path.
 
@@ -65,6 +68,7 @@ def recipes(
             simulation's own start time takes precedence.
         reading: Entered whenever the stage is read; see `StageRecipe`.
         kind: Class of the recipes; None is `StageRecipe`.
+        paths: Paths of the fields; None is the simulation's own collection.
 
     Raises:
         UsdSplatError: If something that the simulation needs is missing or cannot be used.
@@ -73,6 +77,8 @@ def recipes(
     rigs = Rigs()
     with reading:
         found, left_out = collections.splats(stage, simulation)
+        if paths is not None:
+            found = [stage.GetPrimAtPath(path) for path in paths]
         first = stage.GetStartTimeCode() if start is None else start
         return tuple(make(simulation, prim, rigs, first, left_out, reading) for prim in found)
 
@@ -112,13 +118,17 @@ class StageRecipe:
         self.start = asked.start_time if math.isfinite(asked.start_time) else first
         """First frame of the simulation [time code]."""
         self._space = Space(field, asked.space, Usd.TimeCode(self.start))
-        self.cut = TreeCut.of(field, asked) if schema.is_tree(field) else None
+        self.cut = simulated_cut(field, asked) if schema.is_tree(field) else None
         """The cut of a splat tree; None for a field."""
         self._rest, of_field = fields.read_rest(field, self._space.start, self.cut)
         self._selection = fields.read_selection(field, len(self._rest), self._space.start)
         members = collections.affectors(stage, simulation)
         self._affectors = [AffectorReader(prim, self._space, rigs) for prim in members]
-        self._target = self._surface(TARGET)
+        self._becomes = target_capture(simulation, self._space)
+        self._target = None if self._becomes else self._surface(TARGET)
+        if self._becomes is not None:
+            self._rest = with_degree(self._rest, self._becomes)
+        self._order = self._read_order()
         self._relax_surface = self._surface(RELAX_SURFACE)
         self._frames = {
             name: related(simulation, f"{NAMESPACE}:deform:{name}:{FRAME}")
@@ -170,12 +180,16 @@ class StageRecipe:
             if parameters.dissolve.by == "mask" and "dissolve:by" not in masked:
                 where = f"{self.simulation}.{NAMESPACE}:dissolve:by"
                 raise StageError(where, "mask, and no mask of it", f"{where}:mask with a name")
+            to_world = self._space.to_world(code)
             return Moment(
                 time=time,
                 parameters=parameters,
-                to_world=self._space.to_world(code),
+                to_world=to_world,
+                up=up_in(to_world, up_axis(self._simulation.GetStage())),
                 affectors=tuple(each.at(code) for each in self._affectors),
                 target=self._target.at(code) if self._target else None,
+                becomes=self._becomes,
+                order=self._order,
                 relax_surface=self._relax_surface.at(code) if self._relax_surface else None,
                 deformers=self._deformers(code),
                 drivers=tuple(self._driver(name, code) for name in self._drivers),
@@ -200,6 +214,17 @@ class StageRecipe:
     def _surface(self, name: str) -> SurfaceReader | None:
         prim = related(self._simulation, name)
         return SurfaceReader(prim, self._space, self._rigs) if prim else None
+
+    def _read_order(self) -> F32 | None:
+        """Return the primvar that says when splats start to conform."""
+        code, lead = Usd.TimeCode.Default(), f"{NAMESPACE}:conform"
+        name = read(self._simulation, ConformParameters, lead, code).order_primvar
+        if not name or (self._target is None and self._becomes is None):
+            return None
+        found = fields.per_splat(self._field, name, len(self._rest), self._space.start)
+        if found is None:
+            raise fields.missing(self._simulation, f"{lead}:orderPrimvar", name, self._field)
+        return found
 
     def _bind(self) -> BindingReader | None:
         skeleton = related(self._simulation, SKELETON)

@@ -23,8 +23,10 @@ from usdsplat.kernels.device import Device
 from usdsplat.kernels.devices import open_device
 from usdsplat.sim.parameters import Parameters
 from usdsplat.sim.stage.bake import Bake
+from usdsplat.sim.stage.bake_layers import refined_of
 from usdsplat.sim.stage.provenance import Provenance, input_hash, parameter_hash, parameter_lines
 from usdsplat.sim.stage.recipe import UNGUARDED
+from usdsplat.sim.stage.refinement import Refining
 from usdsplat.sim.stage.report import Clock, Report, peak_memory
 from usdsplat.sim.stage.simulation import Simulation, baked_fields
 from usdsplat.sim.uses import Uses
@@ -89,10 +91,12 @@ def simulate(
             findings.say(device.remark)
         known = Rates(rates, f"{device.name}, {device.threads} threads")
         try:
+            refined = refined_of(target) if options.existing == "resume" else None
             with reporting(progress, rates=known, compiled=compiled) as spent:
                 simulation = Simulation(
-                    stage, frames, device=device, lap=clock.lap, reading=reading
-                )
+                    stage, frames, device=device, lap=clock.lap, reading=reading,
+                    refining=Refining(known=refined),
+                )  # fmt: skip
                 bake, provenance = _open_bake(
                     simulation, target, resume=options.existing == "resume",
                     keeps=options.keeps_checkpoint,
@@ -141,7 +145,7 @@ def _run(
     if left:
         with phase("beginning"):
             simulation.begin(states)
-        provenance.resolved.update({path: s.resolved for path, s in simulation.solvers.items()})
+        provenance.resolved.update({path: simulation.resolved(path) for path in simulation.recipes})
         findings.extend(simulation.findings)
     findings.check()
     with bake, phase("simulating", total=len(left)) as simulating:
@@ -188,15 +192,14 @@ def _common(simulation: Simulation) -> Parameters:
 
 def _provenance(simulation: Simulation, parameters: Parameters) -> Provenance:
     """Return what a bake is made of."""
-    sim, stage, frames = parameters.sim, simulation.stage, simulation.frames
+    sim, stage, frames = parameters.sim, simulation.captured, simulation.frames
     with simulation.reading:
         opinions, lines = parameter_hash(stage, frames), parameter_lines(stage, frames)
         rate, edits = stage.GetTimeCodesPerSecond(), stage.GetSessionLayer().identifier
-    chunks = [file for each in simulation.recipes.values() for file in each.files]
     return Provenance(
         param_hash=opinions,
         parameters=lines,
-        input_hash=input_hash(stage, [edits], chunks, reading=simulation.reading),
+        input_hash=input_hash(stage, [edits], simulation.files, reading=simulation.reading),
         seed=sim.seed,
         substeps=sim.substeps,
         dt=1.0 / (rate * sim.substeps),

@@ -11,17 +11,22 @@ from typing import Any
 
 from pxr import Usd
 
+from usdsplat.core.cloud import I64
 from usdsplat.core.errors import StageError
 from usdsplat.core.findings import Finding
 from usdsplat.core.progress import Phase, phase
 from usdsplat.kernels.device import Device
 from usdsplat.sim.solver import Solver
+from usdsplat.sim.stage import refined_layer
 from usdsplat.sim.stage.field_space import changed_arrays, to_field_space
 from usdsplat.sim.stage.plan import BakedField
 from usdsplat.sim.stage.recipe import UNGUARDED, StageRecipe, find_simulations, recipes
+from usdsplat.sim.stage.refinement import Refining, refine
+from usdsplat.sim.stage.twins import leave_session
 from usdsplat.sim.state import Frame, State
 from usdsplat.sim.uses import Uses, uses_over
 
+REFINING = Refining()
 LEAD = 100_000
 """Largest number of frames that are simulated before the first requested one."""
 
@@ -39,6 +44,7 @@ class Simulation:
         lap: Receives the name of each piece of work when it is finished.
         reading: Entered whenever the stage is read.
         kind: Class of the recipes; None is `StageRecipe`.
+        refining: How large splats are divided.
 
     Raises:
         UsdSplatError: If something on the stage cannot be simulated.
@@ -53,19 +59,26 @@ class Simulation:
         lap: Callable[[str], None] = lambda name: None,
         reading: AbstractContextManager[Any] = UNGUARDED,
         kind: Callable[..., StageRecipe] | None = None,
+        refining: Refining = REFINING,
     ) -> None:
-        self.stage = stage  # keeps the stage alive for its prims
+        self.captured = stage  # keeps the stage alive for its prims
+        """The stage without refined captures."""
         self.frames, self.device, self.reading = frames, device, reading
         self._lap = lap
         with phase("reading the captures"), reading:
             self.recipes = _recipes(stage, frames[0], reading, kind)
+        self._said = tuple(each for recipe in self.recipes.values() for each in recipe.findings)
         self.uses: dict[str, Uses] = {}
         self.transformed: dict[str, frozenset[str]] = {}
         """Arrays that change because a field moves in the simulation's space, by field."""
         with phase("reading the stage", total=len(self.recipes) * len(frames)) as looked:
             self._look(frames, looked)
+        self.files = tuple(file for each in self.recipes.values() for file in each.files)
+        """Resolved paths of files that no layer of the stage is, see `StageRecipe.files`."""
         self.solvers: dict[str, Solver] = {}
         self._lap("stage")
+        self._refine(refining, kind)
+        self._lap("refinement")
 
     def _look(self, frames: Sequence[float], looked: Phase) -> None:
         """Find out what each field needs at all frames."""
@@ -90,6 +103,7 @@ class Simulation:
             self.solvers[path] = Solver(
                 recipe, self.uses[path], device=self.device, start=self.frames[0],
                 state=None if states is None else states[path], lap=self._lap,
+                limit=self.refinement.limits.get(path, math.inf), parents=self._parents(recipe),
             )  # fmt: skip
         self._lap("beginning")
 
@@ -118,12 +132,44 @@ class Simulation:
     @property
     def findings(self) -> tuple[Finding, ...]:
         """What the stage asks for and does not get, each once."""
-        found: dict[Finding, None] = {}
+        found = dict.fromkeys((*self._said, *self.refinement.findings))
         for path, recipe in self.recipes.items():
-            found |= dict.fromkeys(recipe.findings)
             for each in self.solvers[path].findings if path in self.solvers else ():
                 found[replace(each, path=recipe.simulation, attribute=each.path)] = None
         return tuple(found)
+
+    def resolved(self, path: str) -> dict[str, float]:
+        """Return the values that a field's automatic parameters took."""
+        return {**self.refinement.facts(path), **self.solvers[path].resolved}
+
+    def _parents(self, recipe: StageRecipe) -> I64 | None:
+        """Return the ids of the parents of a field's splats; None if it is not refined."""
+        with self.reading:
+            prim = self.stage.GetPrimAtPath(recipe.path)
+            return refined_layer.parents(prim, len(recipe.rest))
+
+    def _refine(self, refining: Refining, kind: Callable[..., StageRecipe] | None) -> None:
+        """Divide large splats, and read the fields again."""
+        stage, reading = self.captured, self.reading
+        with phase("refinement", work=sum(len(each.rest) for each in self.recipes.values())):
+            self.refinement = refine(
+                stage, self.recipes, self.uses, device=self.device, known=refining.known,
+                reading=reading,
+            )  # fmt: skip
+        self.stage = stage
+        """The stage with refined captures."""
+        layer = self.refinement.layer
+        if layer is None:
+            return
+        with reading:
+            self.stage = refining.compose(stage, layer)
+            try:
+                self.recipes = _recipes(
+                    self.stage, self.frames[0], reading, kind, list(self.recipes.values())
+                )
+            except BaseException:
+                leave_session(stage, layer)
+                raise
 
 
 def _told(times: Iterable[float], numbers: Iterator[int], looked: Phase) -> Iterator[float]:
@@ -138,8 +184,9 @@ def _recipes(
     start: float,
     reading: AbstractContextManager[Any],
     kind: Callable[..., StageRecipe] | None,
+    known: Sequence[StageRecipe] = (),
 ) -> dict[str, StageRecipe]:
-    """Return the recipe of each field, by its path."""
+    """Return the recipe of each field, by its path; those of `known` only, if there are some."""
     prims = find_simulations(stage)
     where, rate = stage.GetRootLayer().GetDisplayName(), stage.GetTimeCodesPerSecond()
     if not rate > 0:
@@ -149,7 +196,9 @@ def _recipes(
         raise StageError(where, "no SplatSim prim", "one; usdsplat simulate --preset makes one")
     made: dict[str, StageRecipe] = {}
     for prim in prims:
-        for recipe in recipes(stage, prim, start=start, reading=reading, kind=kind):
+        own = [each.path for each in known if each.simulation == str(prim.GetPath())]
+        paths = own if known else None
+        for recipe in recipes(stage, prim, start=start, reading=reading, kind=kind, paths=paths):
             if recipe.path in made:
                 found = f"the simulations {made[recipe.path].simulation} and {recipe.simulation}"
                 raise StageError(recipe.path, found, "one of them")
@@ -164,7 +213,7 @@ def baked_fields(simulation: Simulation) -> list[BakedField]:
             path=path,
             rest=recipe.rest,
             writes=simulation.writes(path),
-            is_fixed=not simulation.uses[path].has_births,
+            is_fixed=not simulation.uses[path].varies,
             rasterize_mode=recipe.cut.rasterize_mode if recipe.cut else "",
         )
         for path, recipe in simulation.recipes.items()

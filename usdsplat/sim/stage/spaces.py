@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from typing import Literal
 
@@ -107,6 +108,15 @@ def size_of(matrix: F64) -> float:
     """Return the mean factor by which a matrix scales lengths: the cube root of the magnitude of
     its determinant."""
     return float(np.cbrt(abs(np.linalg.det(matrix[:3, :3]))))
+
+
+def up_in(matrix: F64, axis: str) -> tuple[float, float, float]:
+    """Return the unit vector that a matrix maps to the direction of the stage's up axis."""
+    up = np.zeros(3)
+    up["XYZ".index(axis)] = 1.0
+    x, y, z = np.linalg.lstsq(matrix[:3, :3], up, rcond=None)[0].tolist()
+    length = math.sqrt(x * x + y * y + z * z) or 1.0
+    return x / length, y / length, z / length
 
 
 def rigid(rotation: F64, at: F64) -> F64:

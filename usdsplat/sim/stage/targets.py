@@ -90,11 +90,15 @@ class Triangles:
 
 
 class SurfaceReader:
-    """Reader of the surface of one prim in the simulation's space; returns the same object while
-    nothing moves."""
+    """Reader of the surface of one prim in the simulation's space, or of all meshes and shapes
+    below it; returns the same object while nothing moves.
+
+    Raises:
+        StageError: If the prim neither is nor has a mesh or a shape.
+    """
 
     def __init__(self, prim: Usd.Prim, space: Space, rigs: Rigs) -> None:
-        self.triangles = Triangles(prim, rigs)
+        self._parts = [Triangles(each, rigs) for each in _surfaces(prim)]
         self._space = space
         self._last: Surface | None = None
 
@@ -102,15 +106,31 @@ class SurfaceReader:
         """Return the surface at a time.
 
         Raises:
-            StageError: If the prim has no triangles.
+            StageError: If a prim has no triangles.
         """
-        points, triangles = self.triangles.at(time)
-        matrix = self._space.from_prim(self.triangles.placer, time)
+        points, triangles, first = [], [], 0
+        for part in self._parts:
+            own, faces = part.at(time)
+            matrix = self._space.from_prim(part.placer, time)
+            points.append(transform_points(matrix, own))
+            triangles.append(facing_outwards(faces, matrix) + np.int32(first))
+            first += len(own)
+        is_one = len(self._parts) == 1
         made = Surface(
-            points=transform_points(matrix, points), triangles=facing_outwards(triangles, matrix)
+            points=points[0] if is_one else np.concatenate(points),
+            triangles=triangles[0] if is_one else np.concatenate(triangles),
         )
         self._last = unchanged_or(self._last, made)
         return self._last
+
+
+def _surfaces(prim: Usd.Prim) -> list[Usd.Prim]:
+    """Return a mesh or shape, or those below a group."""
+    if prim.IsA(UsdGeom.Mesh) or prim.GetTypeName() in SHAPES:
+        return [prim]
+    every = Usd.PrimRange(prim, Usd.TraverseInstanceProxies())
+    found = [each for each in every if each.IsA(UsdGeom.Mesh) or each.GetTypeName() in SHAPES]
+    return found or [prim]  # which Triangles rejects
 
 
 def facing_outwards(triangles: I32, matrix: np.ndarray) -> I32:

@@ -2,63 +2,32 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from pxr import Sdf, Usd, UsdGeom
 
 from usdsplat import schema
-from usdsplat.core.cloud import SplatCloud
 from usdsplat.core.errors import StageError
-from usdsplat.core.node_cuts import NodeCut, heights, level_cut
+from usdsplat.core.node_cuts import heights
 from usdsplat.schema import tokens
-from usdsplat.schema.tree import Tree
-from usdsplat.schema.tree_cuts import cut_rasterize_mode, cut_within, read_cut
+from usdsplat.schema.tree_cuts import TreeReading
 from usdsplat.sim.parameters import NAMESPACE, SimParameters
 from usdsplat.sim.stage.sample_layer import SampleLayer
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class TreeCut:
-    """The cut of a splat tree that is simulated."""
+def simulated_cut(prim: Usd.Prim, parameters: SimParameters) -> TreeReading:
+    """Return the cut of a splat tree that the parameters ask for. No chunk is opened.
 
-    prim: Usd.Prim
-    tree: Tree
-    cut: NodeCut
-
-    @classmethod
-    def of(cls, prim: Usd.Prim, parameters: SimParameters) -> TreeCut:
-        """Return the cut of a tree that the parameters ask for. No chunk is opened.
-
-        Raises:
-            StageError: If the tree cannot be read, or has no such cut.
-        """
-        tree, level = schema.read_tree(prim), parameters.tree_level
-        if level < 0:
-            return cls(prim, tree, cut_within(prim, tree, parameters.tree_splats))
-        top = int(heights(tree.table)[0])
-        if level > top:
-            where = f"{prim.GetPath()}, {NAMESPACE}:sim:treeLevel"
-            raise StageError(where, f"level {level}", f"0 to {top}")
-        return cls(prim, tree, level_cut(tree.table, level))
-
-    @property
-    def rasterize_mode(self) -> str:
-        """Mode of most of the splats."""
-        return cut_rasterize_mode(self.tree, self.cut)
-
-    @property
-    def files(self) -> tuple[str, ...]:
-        """Resolved paths of the chunks that are read."""
-        chunks = {chunk for chunk, _, _ in self.cut.rows(self.tree.table)}
-        return tuple(self.tree.chunks[chunk] for chunk in sorted(chunks))
-
-    def cloud(self) -> SplatCloud:
-        """Read the splats, in the local space of the tree.
-
-        Raises:
-            StageError: If a chunk is missing, cannot be read, or does not have these rows.
-        """
-        return read_cut(self.prim, self.tree, self.cut)
+    Raises:
+        StageError: If the tree cannot be read, or has no such cut.
+    """
+    level = parameters.tree_level
+    if level < 0:
+        return TreeReading.within(prim, parameters.tree_splats)
+    found = TreeReading.at_level(prim, level)
+    top = int(heights(found.tree.table)[0])
+    if level > top:
+        where = f"{prim.GetPath()}, {NAMESPACE}:sim:treeLevel"
+        raise StageError(where, f"level {level}", f"0 to {top}")
+    return found
 
 
 def is_simulated(prim: Usd.Prim) -> bool:

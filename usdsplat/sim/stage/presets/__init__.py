@@ -11,7 +11,7 @@ import os
 from collections.abc import Mapping
 from pathlib import Path
 
-from pxr import Sdf, Usd, UsdGeom, UsdUtils
+from pxr import Sdf, Usd, UsdGeom
 
 from usdsplat.core.errors import StageError, UsageError
 from usdsplat.core.readable import check_referable
@@ -21,14 +21,15 @@ from usdsplat.schema.usd_files import export_layer
 from usdsplat.sim.stage.presets.conform import CONFORM
 from usdsplat.sim.stage.presets.dissolve import DISSOLVE
 from usdsplat.sim.stage.presets.grow import GROW
-from usdsplat.sim.stage.presets.preset import OptionName, Preset, PresetOption
+from usdsplat.sim.stage.presets.morph import MORPH
+from usdsplat.sim.stage.presets.preset import Choice, OptionName, Preset, PresetOption
 from usdsplat.sim.stage.presets.push import PUSH
 from usdsplat.sim.stage.presets.scene import FIRST, LAST, RATE, measured
 from usdsplat.sim.stage.trees import is_simulated
 
 __all__ = ["PRESETS", "OptionName", "Preset", "PresetOption", "author_preset", "find_preset"]
 
-PRESETS: dict[str, Preset] = {each.name: each for each in (GROW, PUSH, CONFORM, DISSOLVE)}
+PRESETS: dict[str, Preset] = {each.name: each for each in (GROW, PUSH, CONFORM, MORPH, DISSOLVE)}
 """Presets by name, in the order of the help."""
 
 
@@ -54,6 +55,7 @@ def author_preset(
     *,
     last: int = LAST,
     options: Mapping[str, str | None] | None = None,
+    goal: Usd.Stage | None = None,
 ) -> None:
     """Write a stage in which a capture is simulated, from frame 1 on at 24 frames per second.
 
@@ -67,16 +69,19 @@ def author_preset(
             relative path.
         last: Frame at which affectors have passed and patterns have formed, at least 24.
         options: Values by the names of options, such as {"style": "coral"}; None stands for an
-            option that is not given.
+            option that is not given. The option target is `goal`.
+        goal: A stage from a file, with meshes to conform to or a capture to become.
 
     Raises:
         UsageError: If there is no such preset, or it does not take an option or its value.
         StageError: If the stage is not from a file, or from one of a name that a layer cannot refer
-            to, does not have exactly one field or tree, or has a simulation.
+            to, does not have exactly one field or tree, or has a simulation; or if `goal` has not
+            what the preset needs.
         OutputError: If the target cannot be written.
     """
     preset = find_preset(name)
-    chosen = preset.chosen(options or {})
+    given = None if goal is None else goal.GetRootLayer().identifier
+    chosen = preset.chosen({**(options or {}), "target": given})
     field, file = _only_field(capture), Path(capture.GetRootLayer().realPath)
     check_referable(file)
     final = Path(os.path.realpath(target))
@@ -98,10 +103,13 @@ def author_preset(
     sim = stage.DefinePrim(scene.parent.AppendChild("Sim"), "SplatSim")
     _include(sim, "splats", field.GetPath())
     _include(sim, "affectors", scene.parent)
-    preset.author(scene, sim, chosen)
+    preset.author(scene, sim, Choice(name=None if goal else chosen, goal=goal))
     copy = Sdf.Layer.CreateAnonymous(".usda")  # of no stage, which would look for the capture
     copy.TransferContent(root)
-    UsdUtils.ModifyAssetPaths(copy, lambda path: _relative(Path(path), final.parent))
+    for used in (capture, goal):
+        if used is not None:
+            layer = used.GetRootLayer().realPath
+            copy.UpdateCompositionAssetDependency(layer, _relative(Path(layer), final.parent))
     export_layer(copy, final)
 
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 from pxr import Usd
 
 from usdsplat.sim.stage.authoring import author
-from usdsplat.sim.stage.presets.preset import Preset
+from usdsplat.sim.stage.presets.preset import Choice, Preset
 from usdsplat.sim.stage.presets.scene import Scene
 
 
-def _author(scene: Scene, sim: Usd.Prim, choice: str | None) -> None:
+def _author(scene: Scene, sim: Usd.Prim, choice: Choice) -> None:
     author(
         sim,
         {

@@ -22,9 +22,20 @@ class PresetOption:
     text: str
     """Its meaning, without a capital."""
     choices: tuple[str, ...] = ()
-    """Legal values; empty for the name of a file."""
+    """Legal values; empty for a file."""
     default: str | None = None
     """Value where none is given; None leaves the choice to the preset."""
+    is_required: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Choice:
+    """The value of a preset's option: a name, or a stage where the option is a file."""
+
+    name: str | None = None
+    """One of the option's choices; None where none is given or the option is a file."""
+    goal: Usd.Stage | None = None
+    """The stage in the file; None without one."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -34,7 +45,7 @@ class Preset:
     name: str
     text: str
     """What it does, in a few words."""
-    author: Callable[[Scene, Usd.Prim, str | None], None]
+    author: Callable[[Scene, Usd.Prim, Choice], None]
     """Authors parameters on the SplatSim prim and other prims beside it; takes the value of
     `option`."""
     option: PresetOption | None = None
@@ -46,7 +57,7 @@ class Preset:
             given: Values by the names of options; None where none is given.
 
         Raises:
-            UsageError: If another option is given, or the value is not legal.
+            UsageError: If another option is given, the value is not legal, or one is missing.
         """
         own = self.option
         for name, value in given.items():
@@ -58,6 +69,8 @@ class Preset:
             return None
         value = given.get(own.name)
         if value is None:
+            if own.is_required:
+                raise UsageError(f"--{own.name}", f"none and --preset {self.name}", own.text)
             return own.default
         if own.choices and value not in own.choices:
             raise UsageError(f"--{own.name}", repr(value), f"one of {', '.join(own.choices)}")

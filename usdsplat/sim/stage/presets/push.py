@@ -5,11 +5,11 @@ from __future__ import annotations
 from pxr import Usd
 
 from usdsplat.sim.stage.authoring import author
-from usdsplat.sim.stage.presets.preset import Preset
+from usdsplat.sim.stage.presets.preset import Choice, Preset
 from usdsplat.sim.stage.presets.scene import FIRST, Scene, author_ball
 
 
-def _author(scene: Scene, sim: Usd.Prim, choice: str | None) -> None:
+def _author(scene: Scene, sim: Usd.Prim, choice: Choice) -> None:
     author(sim, {"settle:omega": 5.0, "settle:delay": 0.1, "appearance:covariance": "full"})
     through = max(round(0.6 * scene.last), 2)
     ball = author_ball(scene, radius=0.18 * scene.size, frames=(FIRST, through), friction=0.1)

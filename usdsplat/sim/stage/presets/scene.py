@@ -14,7 +14,8 @@ from usdsplat.schema.stage_values import up_axis
 from usdsplat.sim.parameters import SimParameters
 from usdsplat.sim.stage import spaces
 from usdsplat.sim.stage.authoring import author
-from usdsplat.sim.stage.trees import TreeCut
+from usdsplat.sim.stage.preset_targets import author_target
+from usdsplat.sim.stage.trees import simulated_cut
 
 FIRST, LAST, RATE = 1, 100, 24
 """First and last frame, and frames per second."""
@@ -90,7 +91,7 @@ def measured(stage: Usd.Stage, field: Usd.Prim, last: int) -> Scene:
     own = stage.GetPrimAtPath(field.GetPath())
     matrix = np.asarray(np.linalg.solve(to_world, spaces.to_world(own, start)), np.float64)
     is_tree = schema.is_tree(own)
-    cloud = TreeCut.of(own, SimParameters()).cloud() if is_tree else schema.fetch(own, FIRST)
+    cloud = simulated_cut(own, SimParameters()).cloud() if is_tree else schema.fetch(own, FIRST)
     points = spaces.transform_points(matrix, cloud.positions).astype(np.float64)
     points = points[np.isfinite(points).all(axis=1)]
     if not len(points):
@@ -136,6 +137,13 @@ def author_ball(
         },
     )
     return ball.GetPrim()
+
+
+def author_goal(scene: Scene, goal: Usd.Stage) -> Usd.Prim:
+    """Reference the content of another stage where the capture is, see `author_target`."""
+    path, half = scene.parent.AppendChild("Target"), scene.extent / 2
+    low, high = scene.center - half, scene.center + half
+    return author_target(scene.stage, path, goal, low, high, time=FIRST)
 
 
 def as_guide(prim: Usd.Prim) -> None:

@@ -1,0 +1,168 @@
+"""Tests of splats that conform to a mesh by transport."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tests.sim.recipes import Written, always, ball, knobs, played, started
+from tests.sim.shapes import sheet, sphere
+from usdsplat.core.cloud import SplatCloud
+from usdsplat.core.errors import StageError
+from usdsplat.kernels.device import CpuDevice
+from usdsplat.kernels.devices import open_device
+from usdsplat.kernels.points.nearest import nearest
+from usdsplat.sim.specs import Surface
+
+SOON = {"weight": 1.0, "duration": 0.0, "stagger": 0.0, "keep_thickness": 0.0}
+ROD = np.float32([0.4, 2.0, 0.4])
+
+
+@pytest.fixture(scope="module")
+def device(any_device):
+    return open_device()
+
+
+def arrived(device, rest, target, frames=2, **options):
+    """The last frame, with the target at all times."""
+    recipe = Written(rest, always(parameters=knobs(conform={**SOON, **options}), target=target))
+    return played(device, recipe, frames)[-1].cloud
+
+
+def ellipsoid():
+    mesh = sphere(4)
+    return Surface(points=mesh.points * ROD, triangles=mesh.triangles)
+
+
+def test_splats_cover_another_shape(device):
+    """Oracle: the equation of the ellipsoid, and the neighbours at rest, by brute force."""
+    rest = ball(3000)
+    cloud = arrived(device, rest, ellipsoid())
+    height = np.linalg.norm(cloud.positions / ROD, axis=1)
+    assert height.min() > 0.9 and height.max() < 1.01, "they lie on it, a little below the surface"
+    ends = np.abs(cloud.positions[:, 1])
+    assert (ends > 1.6).mean() > 0.03, "the ends are covered"
+    apart = nearest(device, cloud.positions, cloud.positions, 2)[1][:, 1]
+    assert np.median(apart) < 0.06, "even"
+    near = nearest(device, rest.positions, rest.positions, 7)[0][:, 1:]
+    spacing = np.sqrt(8.5 / 3000)
+    far = np.linalg.norm(cloud.positions[near] - cloud.positions[:, None], axis=2) / spacing
+    assert (far < 3).mean() > 0.65 and (far < 6).mean() > 0.9, "neighbours stay neighbours"
+
+
+def test_sizes_follow_the_spacing(device):
+    """Oracle: a sphere of ten times the size: distances grow tenfold, so sizes do."""
+    rest = ball(2000)
+    mesh = sphere(4)
+    large = Surface(points=10 * mesh.points, triangles=mesh.triangles)
+    cloud = arrived(device, rest, large)
+    ratio = np.sort(cloud.scales, axis=1)[:, 1:] / np.sort(rest.scales, axis=1)[:, 1:]
+    assert 8 < np.median(ratio) < 16
+
+
+def test_splats_ride_on_the_target(device):
+    """Oracle: after their arrival, a rotation and a translation of the mesh are those of the
+    splats."""
+    angle = 0.7
+    turn = np.float32(
+        [[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]]
+    )
+    mesh = ellipsoid()
+    shift = np.float32([3, 1, 2])
+    moved = Surface(points=mesh.points @ turn.T + shift, triangles=mesh.triangles)
+
+    def says(time):
+        return {"parameters": knobs(conform=SOON), "target": mesh if time < 3 else moved}
+
+    frames = played(device, Written(ball(800), says), 4)
+    before, after = frames[1].cloud, frames[3].cloud
+    np.testing.assert_allclose(after.positions, before.positions @ turn.T + shift, atol=2e-5)
+    np.testing.assert_allclose(after.scales, before.scales, rtol=2e-3, atol=1e-6)
+
+
+def test_the_first_frame_is_the_capture(device):
+    """Oracle: the capture, bit for bit."""
+    rest = ball(400)
+    parameters = knobs(conform={"weight": 1.0, "start": 0.1})
+    first = played(device, Written(rest, always(parameters=parameters, target=sphere(2))), 2)[0]
+    for name in ("positions", "rotations", "scales", "opacities", "sh"):
+        assert np.array_equal(getattr(first.cloud, name), getattr(rest, name)), name
+
+
+def test_paths_are_arcs(device):
+    """Oracle: halfway, without an arc splats are in the middle; the arc leads outwards."""
+    rest, target = ball(600), sphere(4, 3.0)
+    options = {"duration": 2.0, "start": 0.0}
+    places = [
+        arrived(device, rest, target, 25, **options, arc=arc).positions
+        for arc in (0.0, 0.25, -0.25)
+    ]
+    straight, out, inwards = places
+    assert not np.allclose(straight, out)
+    np.testing.assert_allclose((out + inwards) / 2, straight, atol=1e-5)
+
+
+def test_an_order_from_a_primvar_starts_splats(device):
+    """Oracle: those with 0 have arrived when those with 1 have not started."""
+    rest = ball(500)
+    order = (rest.positions[:, 2] > 0).astype(np.float32)
+    parameters = knobs(conform={**SOON, "duration": 0.1, "stagger": 10.0})
+    says = always(parameters=parameters, target=sphere(3, 2.0), order=order)
+    cloud = played(device, Written(rest, says), 12)[-1].cloud
+    assert np.array_equal(cloud.positions[order == 1], rest.positions[order == 1])
+    assert np.linalg.norm(cloud.positions[order == 0], axis=1).min() > 1.8
+
+
+def test_unselected_splats_stay(device):
+    """Oracle: their positions at rest; and the others cover the whole target."""
+    rest = ball(1500)
+    weight = (rest.positions[:, 0] > 0).astype(np.float32)
+    recipe = Written(
+        rest, always(parameters=knobs(conform=SOON), target=sphere(3, 2.0)), selection=weight
+    )
+    cloud = played(device, recipe, 2)[-1].cloud
+    assert np.array_equal(cloud.positions[weight == 0], rest.positions[weight == 0])
+    assert (cloud.positions[weight == 1, 0] < -1).mean() > 0.1
+
+
+@pytest.mark.parametrize("count", [1, 3, 20])
+def test_tiny_captures_arrive(device, count):
+    """Oracle: the sphere."""
+    cloud = arrived(device, ball(count), sphere(3, 2.0))
+    assert np.abs(np.linalg.norm(cloud.positions, axis=1) - 2).max() < 0.2
+    assert np.isfinite(cloud.scales).all()
+
+
+def test_a_target_without_area_is_rejected(device):
+    """Oracle: the specification: one sentence."""
+    mesh = sheet(3)
+    flat = Surface(points=mesh.points * np.float32([1, 0, 0]), triangles=mesh.triangles)
+    with pytest.raises(StageError, match="area"):
+        arrived(device, ball(100), flat)
+
+
+def test_threads_and_restarts_give_the_same_bits():
+    """Oracle: one thread, without a restart."""
+    parameters = knobs(conform={"weight": 1.0, "duration": 0.2, "stagger": 0.1, "start": 0.0})
+    recipe = Written(ball(600), always(parameters=parameters, target=ellipsoid()))
+    found = []
+    for threads in (1, 2):
+        solver = started(CpuDevice(threads=threads), recipe, 8)
+        for number in range(7):
+            if number == 3 and threads == 2:
+                state = solver.checkpoint()
+                solver = started(CpuDevice(threads=2), recipe, 8, state=state)
+            solver.advance()
+        found.append(solver.frame().cloud)
+    for name in ("positions", "rotations", "scales", "sh"):
+        assert np.array_equal(getattr(found[0], name), getattr(found[1], name)), name
+
+
+def test_a_cloud_is_not_changed(device):
+    """Oracle: a copy of the capture's arrays."""
+    rest = ball(200)
+    names = ("positions", "rotations", "scales", "opacities", "sh")
+    before = {name: getattr(rest, name).copy() for name in names}
+    arrived(device, rest, sphere(2, 1.5))
+    assert isinstance(rest, SplatCloud)
+    assert all(np.array_equal(before[name], getattr(rest, name)) for name in names)

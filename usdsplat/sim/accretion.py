@@ -1,0 +1,199 @@
+"""Accretion: new matter that grows over a field's carriers where their pattern is high.
+
+The matter of a carrier begins when v there first exceeds `low`, and stays. Its discs are splats of
+the state, whose rest values are computed from the carriers at each frame.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from usdsplat.core.cloud import F32, I32, I64
+from usdsplat.core.sh import rgb_to_dc
+from usdsplat.kernels.device import Device
+from usdsplat.kernels.sim import accretion as kernels
+from usdsplat.sim.carriers import NEAR, NEAREST, WEIGHTS, Carriers
+from usdsplat.sim.parameters import AccretionParameters
+from usdsplat.sim.specs import Moment
+from usdsplat.sim.state import State
+
+CARRIER, LAYER = "accretion:carrier", "accretion:layer"
+"""In `State.memory`: carrier and layer of a disc, -1 for other splats, shape (n,)."""
+GROWN = "accretion:grown"
+"""In `State.globals`: 1 for carriers whose matter has begun, shape (c,)."""
+SMOOTHINGS = 2
+"""Passes that smooth the pattern before matter is raised."""
+PROFILES = {
+    "dome": kernels.DOME, "ridge": kernels.RIDGE, "plate": kernels.PLATE, "thorn": kernels.THORN,
+}  # fmt: skip
+RAMPS = {
+    "v": kernels.BY_V, "height": kernels.BY_HEIGHT, "age": kernels.BY_AGE,
+    "curvature": kernels.BY_CURVATURE,
+}  # fmt: skip
+BEGIN = 1.15
+"""Matter of a carrier begins where v exceeds `low` by this factor: lower, nothing can be seen."""
+
+
+class Accretion:
+    """New matter of one field.
+
+    Args:
+        device: Runs the kernels.
+        carriers: Carriers of the field, by slot.
+        origin: The splat of the field that is nearest to each carrier, shape (c,).
+        ids: Identities of the field's splats.
+        first: Values of the stage at the first frame.
+    """
+
+    def __init__(
+        self, device: Device, carriers: Carriers, origin: I32, ids: I64, first: Moment
+    ) -> None:
+        self._device, self._carriers = device, carriers
+        self._origin, self._ids = origin, ids
+        self._seed = first.parameters.sim.seed
+        self._up = np.asarray(first.up, np.float32)
+        self._light = _light(first)
+        graph = carriers.graph
+        self._graph = graph.rows, graph.neighbors
+        self._support = graph.support
+
+    def begin(self, state: State) -> None:
+        """Prepare the state, without new matter."""
+        n = len(state)
+        state.memory[CARRIER] = np.full(n, -1, np.int32)
+        state.memory[LAYER] = np.full(n, -1, np.int32)
+        state.globals[GROWN] = np.zeros(len(self._carriers), np.uint8)
+
+    def due(
+        self, state: State, uv: F32, knobs: AccretionParameters, maximum: int
+    ) -> tuple[I64, I64]:
+        """Return the carriers whose matter begins now, and the rows of their origins, for each disc
+        to add; both of shape (d,). Carriers whose origin has died are left out.
+
+        Args:
+            state: Its record of what has begun is updated.
+            uv: u and v of the carriers, shape (c, 2).
+            knobs: Resolved knobs.
+            maximum: Number of splats at which growth ends.
+        """
+        grown = state.globals[GROWN]
+        starts = (uv[:, 1] > BEGIN * knobs.low) & (grown == 0) & (self._allowed(knobs) > 0)
+        room = max(0, (maximum - len(state)) // knobs.layers)
+        carriers = np.flatnonzero(starts)[:room]
+        wanted = self._ids[self._origin[carriers]]
+        rows = np.minimum(np.searchsorted(state.ids, wanted), len(state) - 1)
+        alive = state.ids[rows] == wanted
+        grown = grown.copy()
+        grown[carriers] = 1
+        state.globals[GROWN] = grown
+        return np.repeat(carriers[alive], knobs.layers), np.repeat(rows[alive], knobs.layers)
+
+    def bind(self, state: State, carriers: I64, knobs: AccretionParameters) -> None:
+        """Set the carriers and layers of the last rows of the state, which are new discs."""
+        first = len(state) - len(carriers)
+        memory = state.memory
+        memory[CARRIER][first:] = carriers
+        memory[LAYER][first:] = np.arange(len(carriers)) % knobs.layers
+        memory[NEAR][first:] = np.pad(
+            carriers[:, None].astype(np.int32), ((0, 0), (0, NEAREST - 1)), constant_values=-1
+        )
+        memory[WEIGHTS][first:] = np.eye(1, NEAREST, dtype=np.float32)
+
+    def shape(self, state: State, uv: F32, knobs: AccretionParameters, seconds: float) -> None:
+        """Compute the rest values of all discs.
+
+        Args:
+            state: Its rest values of discs change.
+            uv: u and v of the carriers, shape (c, 2).
+            knobs: Resolved knobs.
+            seconds: Time since the simulation's start [s].
+        """
+        rows = np.flatnonzero(state.memory[CARRIER] >= 0)
+        if not len(rows):
+            return
+        device, run, c = self._device, self._device.run, self._carriers
+        spacing, f = c.spacing, np.float32
+        values = np.ascontiguousarray(uv[:, 1])
+        for _ in range(SMOOTHINGS):
+            out: F32 = device.empty(len(c), np.float32)
+            run(kernels.smooth, c.positions, self._support, *self._graph, values, out)
+            values = out
+        heights: F32 = device.empty(len(c), np.float32)
+        run(
+            kernels.raise_carriers, values, self._allowed(knobs), f(knobs.low), f(knobs.high),
+            f(knobs.relief * spacing), PROFILES[knobs.profile], heights,
+        )  # fmt: skip
+        facing: F32 = device.empty((len(c), 3), np.float32)
+        over: F32 = device.empty(len(c), np.float32)
+        run(
+            kernels.face, c.positions, c.normals, self._support, *self._graph, heights, facing, over
+        )
+        colors: F32 = device.empty((len(state), 3), np.float32)
+        shared = state.sh is state.rest_sh
+        state.rest_rotations, state.rest_scales, state.rest_opacities, state.rest_sh = (
+            np.array(each)
+            for each in (
+                state.rest_rotations, state.rest_scales, state.rest_opacities, state.rest_sh,
+            )
+        )  # fmt: skip
+        run(
+            kernels.discs, rows, state.memory[CARRIER], state.memory[LAYER], knobs.layers,
+            state.ids, state.births, f(seconds), self._seed, _numbers(knobs, spacing),
+            RAMPS[knobs.ramp_by], _ramp(knobs), self._light, c.positions, c.normals, values,
+            heights, facing, over, state.rest_positions, state.rest_rotations, state.rest_scales,
+            state.rest_opacities, colors,
+        )  # fmt: skip
+        state.rest_sh[rows] = 0
+        state.rest_sh[rows, 0] = rgb_to_dc(colors[rows])
+        # where nothing deforms splats, nothing else computes these from rest
+        state.rotations[rows] = state.rest_rotations[rows]
+        state.scales[rows] = state.rest_scales[rows]
+        if shared:
+            state.sh = state.rest_sh
+        else:
+            state.sh = state.sh.copy()
+            state.sh[rows] = state.rest_sh[rows]
+
+    def _allowed(self, knobs: AccretionParameters) -> F32:
+        """Return the factor of the height of each carrier, shape (c,)."""
+        if knobs.upward <= 0:
+            return np.ones(len(self._carriers), np.float32)
+        facing = self._carriers.normals @ self._up
+        least = 2 * knobs.upward - 1.4
+        part = np.clip((facing - least) / 0.4, 0, 1)
+        return (part * part * (3 - 2 * part)).astype(np.float32)
+
+
+def _numbers(knobs: AccretionParameters, spacing: float) -> F32:
+    """Return the numbers that the kernel of discs takes."""
+    return np.array(
+        [
+            knobs.relief, knobs.size, knobs.thickness, knobs.opacity, knobs.jitter,
+            math.radians(knobs.tilt), knobs.variation, knobs.shade, knobs.occlusion,
+            knobs.ramp_time, knobs.rise, spacing,
+        ],
+        np.float32,
+    )  # fmt: skip
+
+
+def _ramp(knobs: AccretionParameters) -> F32:
+    """Return the ramp as a table, shape (COLORS, 3)."""
+    colors = np.array(knobs.ramp or ((0.5, 0.5, 0.5),), np.float64)
+    at = np.linspace(0, len(colors) - 1, kernels.COLORS)
+    table = [np.interp(at, np.arange(len(colors)), channel) for channel in colors.T]
+    return np.ascontiguousarray(np.transpose(table), np.float32)
+
+
+def _light(moment: Moment) -> F32:
+    """Return the unit vector to the light in the simulation's space, shape (3,)."""
+    up = np.asarray(moment.up)
+    linear = moment.to_world[:3, :3]
+    right = np.linalg.solve(linear, np.array([1.0, 0.0, 0.0]))
+    right -= (right @ up) * up
+    right /= np.linalg.norm(right) or 1.0
+    front = np.cross(right, up) * (1.0 if np.linalg.det(linear) > 0 else -1.0)
+    x, y, z = moment.parameters.accretion.light
+    found = x * right + y * up + z * front
+    return np.asarray(found / (np.linalg.norm(found) or 1.0), np.float32)

@@ -1,0 +1,190 @@
+"""Splats of one field that follow its matter."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from usdsplat.core.cloud import F32, I32, SplatCloud
+from usdsplat.core.sh import dc_to_rgb
+from usdsplat.kernels.device import Device
+from usdsplat.sim.carriers import Binding, Carriers
+from usdsplat.sim.masks import Masks
+from usdsplat.sim.matter import Matter
+from usdsplat.sim.neighbors import nearest
+from usdsplat.sim.specs import Moment, Recipe, SkinBinding
+from usdsplat.sim.state import FREE, State
+from usdsplat.sim.target_pose import TargetPose
+from usdsplat.sim.timeline import Step
+
+AROUND = 8
+"""Number of splats around a carrier of which its colour is the mean."""
+_MATTER = "matter:"
+"""Start of the keys in `State.globals`."""
+
+
+class CarrierRecipe:
+    """A recipe of the carriers of a field: they are deformed and skinned as the splats are.
+
+    Args:
+        recipe: The field.
+        carriers: Its carriers.
+        rows: The splat of the field that is nearest to each carrier, shape (c,).
+    """
+
+    def __init__(self, recipe: Recipe, carriers: Carriers, rows: I32) -> None:
+        self._recipe, self._rows = recipe, rows
+        c = len(carriers)
+        self.path = recipe.path
+        """Path of the field."""
+        self.rest = SplatCloud(
+            positions=carriers.positions,
+            scales=np.full((c, 3), carriers.spacing, np.float32),
+            rotations=np.tile(np.array([1, 0, 0, 0], np.float32), (c, 1)),
+            opacities=np.ones(c, np.float32),
+            sh=np.zeros((c, 1, 3), np.float32),
+        )
+        """The carriers, as round splats."""
+        own = recipe.selection
+        self.selection = np.ones(c, np.float32) if own is None else own[rows]
+        """Selection weight of each carrier, shape (c,)."""
+        self.binding = _bound(recipe.binding, rows)
+        """Binding to the field's skeleton, or None."""
+        self.codes_per_second = recipe.codes_per_second
+        """Time codes in a second."""
+
+    def at(self, time: float) -> Moment:
+        """Return the values of the stage for carriers."""
+        return self.of(self._recipe.at(time))
+
+    def of(self, moment: Moment) -> Moment:
+        """Return values of the field for the poses of its carriers. A target of conform is left
+        out: splats move onto it by themselves."""
+        masks = {
+            name: each if each.primvar is None else replace(each, primvar=each.primvar[self._rows])
+            for name, each in moment.masks.items()
+        }
+        of_poses = ("deform:", "skin:")
+        masked = {knob: n for knob, n in moment.masked.items() if knob.startswith(of_poses)}
+        return replace(moment, masks=masks, masked=masked, affectors=(), target=None, becomes=None)
+
+
+class MatterField:
+    """The matter of one field, and the splats that follow it.
+
+    Args:
+        device: Runs the kernels.
+        recipe: The field.
+        carriers: Its carriers.
+        first: Values of the stage at the first frame.
+    """
+
+    def __init__(self, device: Device, recipe: Recipe, carriers: Carriers, first: Moment) -> None:
+        self._device = device
+        rows = nearest(device, recipe.rest.positions, carriers.positions, 1)[0][:, 0]
+        self._recipe = CarrierRecipe(recipe, carriers, rows)
+        self._masks = Masks(device, is_fixed=True)
+        self._pose = TargetPose(device, self._recipe, self._recipe.of(first), self._masks)
+        colors = carrier_colors(device, recipe.rest, carriers)
+        self.matter = Matter(device, carriers, self._recipe.selection, colors, first)
+        """The carriers as particles."""
+
+    def bound(self, binding: Binding) -> Binding:
+        """Return the carriers that splats follow: those of the same rigid piece, if there are
+        pieces."""
+        if self.matter.pieces is None:
+            return binding
+        piece = self.matter.pieces.piece[binding.near]
+        kept = np.where(piece == piece[:, :1], binding.weights, 0)
+        kept[kept.sum(axis=1) == 0, 0] = 1
+        total = kept.sum(axis=1, keepdims=True)
+        return replace(binding, weights=(kept / total).astype(np.float32))
+
+    def affectors(self, moment: Moment) -> Moment:
+        """Return values of the stage with the ground among the affectors."""
+        ground = self.matter.ground
+        if ground is None:
+            return moment
+        return replace(moment, affectors=(*moment.affectors, ground))
+
+    def begin(self, moment: Moment, seconds: float) -> None:
+        """Put the carriers at their poses."""
+        self.matter.move_to(self._poses(moment, seconds))
+
+    def advance(self, before: Moment, after: Moment, step: Step) -> None:
+        """Take a substep of the carriers."""
+        self.matter.advance(self._poses(after, step.now), before, after, step)
+
+    def place(self, state: State, moment: Moment, wanted: F32, seconds: float) -> None:
+        """Move the splats with the carriers, at a frame; flying splats are left alone.
+
+        Args:
+            state: Its positions and velocities change.
+            moment: Values of the stage now.
+            wanted: Target positions [unit], shape (n, 3).
+            seconds: Time since the last frame [s].
+        """
+        positions = wanted.copy()
+        self.matter.follow(Binding.kept(state), moment, positions)
+        flying = (state.flags & FREE) != 0
+        if flying.any():
+            positions[flying] = state.positions[flying]
+        moved = (positions - state.positions) / np.float32(seconds)
+        state.velocities = np.where(flying[:, None], state.velocities, moved)
+        state.positions = positions
+
+    def carried(
+        self, state: State, moment: Moment, wanted: F32, gradient: F32 | None
+    ) -> tuple[F32, F32]:
+        """Return target positions and gradients with the motion of the matter.
+
+        Args:
+            state: The splats.
+            moment: Values of the stage now.
+            wanted: Target positions [unit], shape (n, 3).
+            gradient: Gradients of the deformation so far, shape (n, 3, 3); None without any.
+        """
+        positions = wanted.copy()
+        if gradient is None:
+            gradient = np.empty((len(state), 3, 3), np.float32)
+            gradient[:] = np.eye(3, dtype=np.float32)
+        self.matter.follow(Binding.kept(state), moment, positions, gradient)
+        return positions, gradient
+
+    def remember(self, state: State) -> None:
+        """Add to the state what `restore` needs."""
+        for key, array in self.matter.memory().items():
+            state.globals[_MATTER + key] = array
+
+    def restore(self, state: State) -> None:
+        """Set the values that `remember` saved in `state`, with the same bits."""
+        self.matter.restore(
+            {
+                key.removeprefix(_MATTER): array
+                for key, array in state.globals.items()
+                if key.startswith(_MATTER)
+            }
+        )
+
+    def _poses(self, moment: Moment, seconds: float) -> F32:
+        """Return the target positions of the carriers [unit], shape (c, 3)."""
+        particles, own = self.matter.particles, self._recipe.of(moment)
+        self._masks.update(particles, own, seconds)
+        return self._pose.at(particles, own, seconds)[0]
+
+
+def carrier_colors(device: Device, cloud: SplatCloud, carriers: Carriers) -> F32:
+    """Return the mean colour of the splats around each carrier, shape (c, 3)."""
+    near, _ = nearest(device, cloud.positions, carriers.positions, AROUND)
+    weights = np.where(near >= 0, cloud.opacities[near], 0)[..., None]
+    colors = dc_to_rgb(cloud.sh[:, 0])[near]
+    total = np.maximum(weights.sum(axis=1), np.float32(1e-6))
+    return np.asarray((weights * colors).sum(axis=1) / total, np.float32)
+
+
+def _bound(binding: SkinBinding | None, rows: I32) -> SkinBinding | None:
+    """Return the binding of some of a capture's splats."""
+    if binding is None or binding.indices is None or binding.weights is None:
+        return binding
+    return replace(binding, indices=binding.indices[rows], weights=binding.weights[rows])

@@ -1,0 +1,254 @@
+"""Morph a capture into another one: both move together along one transport map.
+
+The splats of the capture travel to the other one and fade out when they are there; those of the
+other one travel from the capture to their own places and fade in on the way. Colours go from one to
+the other. In the end only the other capture is left, as it was captured.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from usdsplat.core.cloud import F32, I64, SplatCloud
+from usdsplat.core.progress import phase
+from usdsplat.kernels.device import Device
+from usdsplat.sim.carriers import Carriers
+from usdsplat.sim.carrying import Carrying
+from usdsplat.sim.conform import Rows
+from usdsplat.sim.conform_transport import MOST, TransportConform, below
+from usdsplat.sim.grounds import SheetGround, frame_triangle
+from usdsplat.sim.parameters import ConformParameters, Parameters
+from usdsplat.sim.sheets import Sheet, outer_sheet
+from usdsplat.sim.specs import Surface
+from usdsplat.sim.target_mesh import TargetMesh
+from usdsplat.sim.transport_map import TransportMap, match
+
+APPEARS = (0.25, 0.65)
+"""Progress between which the splats of the other capture fade in."""
+VANISHES = (0.6, 0.95)
+"""Progress between which those of the capture fade out."""
+RECOLORED = (0.1, 0.75)
+"""Progress between which the colours of the capture become those of the other one."""
+OWN_COLOR = (0.3, 0.95)
+"""Progress between which splats of the other capture take on their own colours."""
+_ROWS = ("natives", "tints")
+_BACK = "back:"
+
+
+class Morph(TransportConform):
+    """Binding of the splats of two captures to each other.
+
+    Args:
+        device: Runs the kernels.
+        rest: The capture at rest.
+        carriers: Its carriers.
+        becomes: The other capture, in the same space.
+        ids, select, order, parameters: See `TransportConform`.
+    """
+
+    def __init__(
+        self,
+        device: Device,
+        rest: SplatCloud,
+        carriers: Carriers,
+        becomes: SplatCloud,
+        *,
+        ids: I64,
+        select: F32,
+        order: F32 | None,
+        parameters: Parameters,
+    ) -> None:
+        super().__init__(
+            device, rest, carriers, ids=ids, select=select, order=order, parameters=parameters
+        )
+        self._becomes = becomes
+        self._frames = _frames(rest.positions, becomes.positions)
+        self._back: Carrying | None = None
+        self._natives = np.zeros(len(select), np.bool_)
+        self._tints = np.zeros((len(select), 3), np.float32)
+        self._colors = np.zeros((0, 3), np.float32)
+        self._way = np.zeros(len(select), np.float32)
+
+    # --- births, deaths, restarts -------------------------------------------------------
+
+    def is_due(self, now: float, parameters: ConformParameters) -> bool:
+        """Return whether the splats of the other capture must join now."""
+        return parameters.weight > 0 and now > parameters.start and not self._natives.any()
+
+    def joined(self) -> Morph:
+        """Return a copy with the splats of the other capture appended."""
+        other, cloud, device = self._copy(), self._becomes, self._device
+        mesh = TargetMesh(device, self._frames)
+        if other._carrying is None:
+            other._bind(mesh)
+        back = other._back
+        assert back is not None
+        m = len(cloud)
+        ground = self._ground(mesh, 1, Sheet.of(device, back.images, back.image_normals))
+        bound = back.land(ground, cloud.positions, cloud.rotations, cloud.scales)
+        rows = np.concatenate([np.arange(len(self)), np.zeros(m, np.int64)])
+        other._bound = other._bound.selected(rows).joined(bound)
+        other._select = np.concatenate([other._select, np.ones(m, np.float32)])
+        ranks = back.ranks(cloud.positions)
+        if self._parameters.conform.order == "random" and self._order is None:
+            ranks = self._drawn(-1 - np.arange(m, dtype=np.int64))
+        other._ranks = np.concatenate([other._ranks, ranks])
+        other._natives = np.concatenate([other._natives, np.ones(m, np.bool_)])
+        tints = back.read(other._colors, cloud.positions)
+        other._tints = np.concatenate([other._tints, tints])
+        return other
+
+    def extended(
+        self, parents: Rows, positions: F32, rotations: F32, scales: F32, ids: I64
+    ) -> Morph:
+        """Return a copy with children appended, which are bound like their parents."""
+        return self.selected(np.concatenate([np.arange(len(self)), parents]))
+
+    def selected(self, rows: Rows) -> Morph:
+        """Return a copy with these rows only, in this order."""
+        other = self._copy()
+        other._select_rows(rows)
+        other._natives, other._tints = self._natives[rows], self._tints[rows]
+        return other
+
+    def memory(self) -> dict[str, npt.NDArray[Any]]:
+        """Return the binding of the splats and both maps."""
+        kept = super().memory()
+        if self._back is None:
+            return kept
+        kept |= {"natives": self._natives, "tints": self._tints, "colors": self._colors}
+        return kept | {f"{_BACK}{name}": each for name, each in self._back.arrays().items()}
+
+    def restore(self, memory: dict[str, npt.NDArray[Any]]) -> None:
+        """Restore the result of `memory`, for any number of splats, bit for bit."""
+        super().restore(memory)
+        if "natives" not in memory:
+            return
+        self._natives, self._tints = memory["natives"], memory["tints"]
+        self._colors = memory["colors"]
+        self._back = Carrying.of(self._device, below(memory, _BACK))
+
+    # --- one step -----------------------------------------------------------------------
+
+    @property
+    def joining(self) -> SplatCloud:
+        """The other capture."""
+        return self._becomes
+
+    def reset(self, rest: F32, positions: F32, gradient: F32 | None) -> None:
+        """Undo deformations of the splats of the other capture.
+
+        Args:
+            rest: Positions at rest, shape (n, 3).
+            positions, gradient: Deformed ones, changed in place.
+        """
+        if not self._natives.any():
+            return
+        positions[self._natives] = rest[self._natives]
+        if gradient is not None:
+            gradient[self._natives] = np.eye(3, dtype=np.float32)
+
+    def apply(
+        self,
+        target: Surface | None,
+        now: float,
+        parameters: ConformParameters,
+        positions: F32,
+        gradient: F32 | None = None,
+        factor: F32 | None = None,
+    ) -> None:
+        """Move the splats of both captures, see `TransportConform.apply`. The target is not
+        used."""
+        super().apply(self._frames, now, parameters, positions, gradient, factor)
+
+    def opacity(self) -> F32 | None:
+        """Return factors of the opacities at the time of the last `apply`, shape (n,)."""
+        if not self._natives.any():
+            return None
+        come, go = _ramp(self._way, *APPEARS), 1 - _ramp(self._way, *VANISHES)
+        return np.where(self._natives, come, go).astype(np.float32)
+
+    def recolored(self, sh: F32) -> F32:
+        """Return harmonics with colours between both captures, shape (n, k, 3)."""
+        if not self._natives.any():
+            return sh
+        to, own = _ramp(self._way, *RECOLORED), 1 - _ramp(self._way, *OWN_COLOR)
+        part = np.where(self._natives, own, to).astype(np.float32)
+        mixed = sh * (1 - part[:, None, None])
+        mixed[:, 0] += part[:, None] * self._tints
+        return mixed
+
+    def _progress(self, now: float, parameters: ConformParameters, factor: F32 | None) -> F32:
+        """Return the way that splats are from their places at rest."""
+        way = super()._progress(now, parameters, factor)
+        self._way = way
+        return np.where(self._natives, 1 - way, way)
+
+    def _bind(self, mesh: TargetMesh) -> None:
+        """Map the carriers of both captures onto each other, and bind the capture's splats."""
+        device, cloud = self._device, self._becomes
+        rest = self._moving
+        sheet = self._thinned(outer_sheet(device, self._carriers, rest))
+        most = self._parameters.carriers.count
+        others = Carriers.of(device, cloud, seed=self._parameters.sim.seed, most=most)
+        goal = self._thinned(outer_sheet(device, others, cloud))
+        ground = self._ground(mesh, 0, goal)
+        with phase("transport", work=len(sheet)):
+            found = match(device, sheet, ground.goal)
+        carrying = Carrying.along(device, found, ground, rest)
+        inverse = TransportMap(
+            source=Sheet.of(device, found.images, found.ups),
+            images=sheet.positions,
+            ups=sheet.normals,
+            spacing=sheet.spacing,
+        )
+        back = Carrying.along(device, inverse, self._ground(mesh, 1, sheet), cloud)
+        self._back = replace(back, bows=carrying.bows, order=carrying.order)
+        self._finish(carrying, ground, mesh)
+        self._colors = _colors(device, sheet, rest)
+        there = goal.bind(device, found.images)
+        ends = np.einsum("nk,nki->ni", there.weights, _colors(device, goal, cloud)[there.near])
+        self._tints = carrying.read(ends.astype(np.float32), rest.positions)
+
+    def _ground(self, mesh: TargetMesh, face: int, sheet: Sheet) -> SheetGround:
+        keep = self._parameters.conform.keep_thickness
+        return SheetGround(self._device, sheet, mesh, face, keep)
+
+    def _thinned(self, sheet: Sheet) -> Sheet:
+        rows = sheet.thinned(self._device, MOST)
+        return sheet if len(rows) == len(sheet) else sheet.selected(self._device, rows)
+
+
+def _frames(first: F32, second: F32) -> Surface:
+    """Return a triangle around the second points, and one around the first."""
+    there, here = frame_triangle(second), frame_triangle(first)
+    return Surface(
+        points=np.concatenate([there.points, here.points]),
+        triangles=np.concatenate([there.triangles, here.triangles + 3]).astype(np.int32),
+    )
+
+
+def _colors(device: Device, sheet: Sheet, cloud: SplatCloud) -> F32:
+    """Return the mean colours around the points of a sheet, coefficients of degree 0, (c, 3)."""
+    binding = sheet.bind(device, cloud.positions)
+    near = binding.near[:, 0]
+    away = np.linalg.norm(cloud.positions - sheet.positions[near], axis=1) / sheet.spacing
+    weight = cloud.opacities * np.exp(-np.square(away)) + 1e-9
+    total = np.bincount(near, weight, len(sheet))
+    base = cloud.sh[:, 0].astype(np.float64)
+    sums = [np.bincount(near, weight * base[:, channel], len(sheet)) for channel in range(3)]
+    own = np.stack(sums, axis=1)
+    weights = sheet.weights.astype(np.float64)
+    masses = (weights * total[sheet.near]).sum(axis=1)
+    mixed = np.einsum("nk,nki->ni", weights, own[sheet.near])
+    return (mixed / np.maximum(masses, 1e-30)[:, None]).astype(np.float32)
+
+
+def _ramp(way: F32, first: float, last: float) -> F32:
+    """Return the smoothstep between two values of the progress."""
+    part = np.clip((way - first) / (last - first), 0, 1)
+    return np.asarray(part * part * (3 - 2 * part))
