@@ -23,6 +23,8 @@ import math
 
 import numpy as np
 
+from usdsplat.core.cloud import F64
+
 from .jit import exact, scalar
 from .launch import kernel
 from .project import LOG_CUTOFF, LOG_OPACITY, ORTHOGRAPHIC
@@ -36,6 +38,20 @@ ROUNDING = np.float32(4e-6)
 """Rounding error of the least depth of a ray hit, relative to the terms it is computed from."""
 THIN = 1e-6
 """Minimum ratio of a splat's thinnest to its thickest axis; it keeps flat splats invertible."""
+
+
+def inverses(matrices: F64) -> F64:
+    """Return the inverses of the 3x3 parts of local-to-camera matrices, shape (m, 3, 4); flat ones
+    get a small thickness."""
+    linear = matrices[:, :, :3]
+    try:
+        found = np.linalg.inv(linear)
+    except np.linalg.LinAlgError:
+        u, s, vt = np.linalg.svd(linear)
+        s = np.maximum(s, THIN * s[:, :1])
+        s[s == 0] = 1.0
+        found = (vt.transpose(0, 2, 1) / s[:, None]) @ u.transpose(0, 2, 1)
+    return np.ascontiguousarray(found)
 
 
 # --- 1. mathematics: one splat ---------------------------------------------------------

@@ -318,7 +318,7 @@ class Projector:
         cloud, keep = group.cloud, self._device.keep
         matrices = self.matrices(group)
         self._device.run(
-            ray_hit.ray_hits, self.record(group), matrices, _inverses(matrices),
+            ray_hit.ray_hits, self.record(group), matrices, ray_hit.inverses(matrices),
             keep(cloud.positions), keep(cloud.rotations), keep(cloud.scales), group.block,
             group.slot, self._records, self._sources, found, self._ray_hits,
         )  # fmt: skip
@@ -327,7 +327,7 @@ class Projector:
         cloud, keep = group.cloud, self._device.keep
         matrices = self.matrices(group)
         self._device.run(
-            feature.features, matrices, _inverses(matrices), self._screen.orthographic,
+            feature.features, matrices, ray_hit.inverses(matrices), self._screen.orthographic,
             keep(cloud.positions), keep(cloud.rotations), keep(cloud.scales), group.block,
             group.slot, self._sources, found, self._records, self._features,
         )  # fmt: skip
@@ -390,17 +390,3 @@ class Projector:
             first_slots = self._device.keep(self.layout.first_slots)
             self._device.run(feature.labels, order, first_slots, self._device.keep(numbers), out)
         return out
-
-
-def _inverses(matrices: F64) -> F64:
-    """Return the inverses of the 3x3 parts of local-to-camera matrices; flat ones get a small
-    thickness."""
-    linear = matrices[:, :, :3]
-    try:
-        inverses = np.linalg.inv(linear)
-    except np.linalg.LinAlgError:
-        u, s, vt = np.linalg.svd(linear)
-        s = np.maximum(s, ray_hit.THIN * s[:, :1])
-        s[s == 0] = 1.0
-        inverses = (vt.transpose(0, 2, 1) / s[:, None]) @ u.transpose(0, 2, 1)
-    return np.ascontiguousarray(inverses)

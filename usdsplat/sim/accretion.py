@@ -44,14 +44,22 @@ class Accretion:
         carriers: Carriers of the field, by slot.
         origin: The splat of the field that is nearest to each carrier, shape (c,).
         ids: Identities of the field's splats.
+        weight: Selection weight of the field's splats, shape (n,): matter does not grow from those
+            with 0, and less high from those below 1.
         first: Values of the stage at the first frame.
     """
 
     def __init__(
-        self, device: Device, carriers: Carriers, origin: I32, ids: I64, first: Moment
+        self,
+        device: Device,
+        carriers: Carriers,
+        origin: I32,
+        ids: I64,
+        weight: F32,
+        first: Moment,
     ) -> None:
         self._device, self._carriers = device, carriers
-        self._origin, self._ids = origin, ids
+        self._origin, self._ids, self._weight = origin, ids, weight[origin]
         self._seed = first.parameters.sim.seed
         self._up = np.asarray(first.up, np.float32)
         self._light = _light(first)
@@ -159,11 +167,11 @@ class Accretion:
     def _allowed(self, knobs: AccretionParameters) -> F32:
         """Return the factor of the height of each carrier, shape (c,)."""
         if knobs.upward <= 0:
-            return np.ones(len(self._carriers), np.float32)
+            return self._weight
         facing = self._carriers.normals @ self._up
         least = 2 * knobs.upward - 1.4
         part = np.clip((facing - least) / 0.4, 0, 1)
-        return (part * part * (3 - 2 * part)).astype(np.float32)
+        return (self._weight * part * part * (3 - 2 * part)).astype(np.float32)
 
 
 def _numbers(knobs: AccretionParameters, spacing: float) -> F32:

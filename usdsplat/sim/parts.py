@@ -59,7 +59,9 @@ class Parts:
         if uses.accretes and carriers is not None:
             origin = nearest(device, rest.positions, carriers.positions, 1)[0][:, 0]
             own = np.arange(len(rest)) if rest.ids is None else rest.ids
-            accretion = Accretion(device, carriers, origin, own, first)
+            asked = recipe.selection
+            weight = np.ones(len(rest), np.float32) if asked is None else asked
+            accretion = Accretion(device, carriers, origin, own, weight, first)
         if uses.coheres and carriers is not None:
             matter = MatterField(device, recipe, carriers, first)
         measures = uses.collides and not uses.coheres
