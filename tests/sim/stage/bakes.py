@@ -118,7 +118,7 @@ class Shot:
         return Provenance(
             param_hash=parameter_hash(self.stage, self.times),
             parameters=parameter_lines(self.stage, self.times),
-            input_hash=input_hash(self.stage),
+            input_hash=input_hash(self.stage, [self.stage.GetSessionLayer().identifier]),
             seed=self.seed,
             substeps=1,
             dt=1 / 24,

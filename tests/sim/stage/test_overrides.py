@@ -46,6 +46,8 @@ def another(item: Knob) -> tuple[str, Any]:
     if get_origin(kind) is tuple:
         if get_args(kind)[0] is str:
             return "a,b", ("a", "b")
+        if get_origin(get_args(kind)[0]) is tuple:
+            return "1,2,3,4,5,6", ((1, 2, 3), (4, 5, 6))
         size = len(get_args(kind))
         return ",".join("3" for _ in range(size)), (3,) * size
     if kind is bool:
@@ -143,7 +145,7 @@ def test_one_prim_can_be_meant() -> None:
         ("particles:gravity=1,2", UsageError, "particles:gravity"),
         ("particles:gravity=1,2,x", UsageError, "found '1,2,x'"),
         ("deform:angle=3", UsageError, "expected such as deform:"),
-        ("deform:bow:points=1,2,3", UsageError, "deform:bow:points"),
+        ("deform:bow:points=1,2,3,4", UsageError, "deform:bow:points"),
         ("deform:arrow:angle=3", StageError, "found no deform 'arrow', expected one of bow"),
         ("driver:glow:colour=1,1,1", UsageError, "expected such as driver:glow:color"),
         ("/World/No.rd:feed=0.04", StageError, "found no SplatSim prim /World/No"),

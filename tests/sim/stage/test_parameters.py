@@ -29,7 +29,7 @@ def other(item: Knob) -> Any:
         return "other"
     if item.usd_type == "token[]":
         return ("a", "b/c")
-    if item.usd_type == "point3f[]":
+    if item.usd_type in ("point3f[]", "color3f[]"):
         return ((0.1, 0.2, 0.3), (1.0, 2.0, 3.0))
     if isinstance(item.default, tuple):
         return tuple(part + 1 for part in item.default)
