@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -122,11 +123,43 @@ def test_a_skin_moves_those_of_the_mask(device) -> None:
         assert held[HALF == 0].max() < 1e-6
 
 
-def test_a_target_draws_those_of_the_mask(device) -> None:
+@pytest.mark.parametrize("mode", ["transport", "closest"])
+def test_a_target_draws_those_of_the_mask(device, mode: str) -> None:
     """Oracle: the same target without the mask, and rest."""
     mesh = sphere(2, 2.0)
-    parameters = knobs(conform={"weight": 1.0, "duration": 0.1, "stagger": 0.0})
+    parameters = knobs(conform={"weight": 1.0, "duration": 0.1, "stagger": 0.0, "mode": mode})
     still_where_masked(device, "conform:weight", parameters=parameters, target=mesh)
+
+
+def test_another_capture_has_no_primvars_of_the_mask(device) -> None:
+    """Oracle: those of the capture with the mask 0 stay at rest; the other capture arrives."""
+    other = replace(ball(300, seed=8), positions=ball(300).positions + np.float32([3, 0, 0]))
+    parameters = knobs(conform={"weight": 1.0, "start": 0.02, "duration": 0.1, "stagger": 0.0})
+    own = painted(HALF, "conform:weight")
+    last = frames(device, always(parameters=parameters, becomes=other, **own), 10)[-1].cloud
+    rest = ball(400).positions
+    assert len(last) == 700
+    assert np.abs(last.positions[:400] - rest)[HALF == 0].max() < 1e-6
+    assert np.abs(last.positions[:400] - rest)[HALF > 0].max(axis=1).min() > 0.5
+    assert np.allclose(last.positions[400:], other.positions, atol=1e-5)
+
+
+def test_matter_is_deformed_where_the_mask_is(device) -> None:
+    """Oracle: each carrier moves by the mask of the splat nearest to it, by brute force."""
+    rest = ball(400)
+    paint = (rest.positions[:, 0] > 0).astype(np.float32)
+    says = always(
+        parameters=knobs(matter={"enabled": True}),
+        deformers=(deformer("transform", translate=(1.0, 0, 0)),),
+        **painted(paint, "deform:d:weight"),
+    )
+    parts = started(device, Written(rest, says), 2)._parts
+    assert parts.matter is not None and parts.carriers is not None
+    places = parts.carriers.positions
+    moved = device.fetch(parts.matter.matter.particles.positions) - places
+    apart = np.linalg.norm(places[:, None] - rest.positions, axis=2)
+    assert np.allclose(moved[:, 0], paint[apart.argmin(axis=1)], atol=1e-5)
+    assert 0.3 < moved[:, 0].mean() < 0.7 and np.allclose(moved[:, 1:], 0, atol=1e-6)
 
 
 def test_affectors_push_those_of_the_mask(device) -> None:
@@ -231,6 +264,18 @@ def test_stretch_is_limited_by_the_mask(device) -> None:
     ratio = last.scales / ball(400).scales
     assert np.allclose(ratio[HALF > 0], 3, rtol=1e-4)
     assert np.allclose(ratio[HALF == 0], 1, rtol=1e-4)  # of the range of the parameter
+
+
+def test_transport_limits_stretches_by_itself_and_needs_no_mask(device) -> None:
+    """Oracle: the same without the mask."""
+    given = {"parameters": knobs(conform={"weight": 1.0, "duration": 0.1, "stagger": 0.0}),
+             "target": sphere(2, 2.0)}  # fmt: skip
+    with np.errstate(invalid="raise"):
+        free, held = (
+            frames(device, always(**given, **extra))[-1].cloud.scales
+            for extra in ({}, painted(HALF, "appearance:maxStretch"))
+        )
+    assert np.array_equal(free, held)
 
 
 def dissolving(**given: Any) -> dict[str, Any]:

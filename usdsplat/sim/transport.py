@@ -58,7 +58,7 @@ def transport(
         appearance: `covariance` selects how splats follow F: all of it; its rotation R of F = R
             U; or F / |F|^(1/3). Principal stretches are clamped to [1/s, s], s = `max_stretch`.
             `keep_opacity` selects whether areas are returned.
-        factor: Factor of `max_stretch` for each splat, shape (n,).
+        factor: Factor of `max_stretch` for each splat, shape (n,); an infinite one has none.
 
     Returns:
         Ratio of the deformed to the rest area of each splat's face (the ellipse of its two longer
@@ -69,7 +69,7 @@ def transport(
     """
     areas = np.empty(len(gradient), np.float32) if appearance.keep_opacity else NOBODY
     limits = np.array([appearance.max_stretch], np.float32)
-    if factor is not None:
+    if factor is not None and math.isfinite(appearance.max_stretch):
         limits = limits * factor
     device.run(
         kernels.transport, gradient, rest_rotations, rest_scales,
