@@ -124,7 +124,12 @@ class Shot:
         preset = "morph" if pair.is_morph else "conform"
         goal = target_file(pair.target, folder)
         make_stage(
-            preset, DATA / "splats" / pair.capture, made, axes=None, progress=silent, goal=goal
+            preset,
+            DATA / "splats" / pair.capture,
+            made,
+            axes=None,
+            progress=silent,
+            options={"target": str(goal)},
         )
         self.stage = Usd.Stage.Open(str(made))
         self.device = open_device("cpu")

@@ -36,7 +36,7 @@ from usdsplat.preview.web.server import serve
 from usdsplat.sim.stage.authoring import author
 
 CAPTURE = DATA / "splats" / "statue_angel.sog"
-SETTINGS = {"rd:substeps": 80, "rd:seedDensity": 0.003}
+SETTINGS = {"rd:substeps": 80, "rd:frontSpeed": 200.0}
 SIZE = (1440, 900)
 BALL = "/statue_angel/Simulation/Ball"
 """Path of an affector, which is selected."""
@@ -47,7 +47,7 @@ PATIENCE = 600.0  # s
 
 
 def scene(folder: Path) -> Path:
-    """Write a stage on which a labyrinth pattern grows quickly."""
+    """Write a stage on which new matter grows quickly."""
     path = folder / "grow.usda"
     run(f"simulate --preset grow {CAPTURE} -o {path}")
     stage = Usd.Stage.Open(str(path))

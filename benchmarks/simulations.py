@@ -71,9 +71,8 @@ def shoot(
 
 
 def grow(stage: Usd.Stage) -> None:
-    """Grow a labyrinth pattern on a bust."""
+    """Grow coral on a bust."""
     stage.GetPrimAtPath(part(stage, "Ball")).SetActive(False)
-    author(stage.GetPrimAtPath(part(stage, "Sim")), {"rd:substeps": 120, "growth:birthRate": 0.25})
     shoot(stage, (-1.3, 1.6, -3.6), (0.0, 1.15, 0))
 
 

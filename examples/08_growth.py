@@ -1,4 +1,4 @@
-"""Grow a pattern over a capture. Where it is high, it colours, raises and multiplies splats.
+"""Grow new matter over a capture: a front spreads from seeds, and behind it a pattern rises.
 
 python examples/08_growth.py [FOLDER]
 """
@@ -17,11 +17,8 @@ from usdsplat import procedural_capture, schema
 FIELD = "/World/Capture"
 FRAMES = (1, 16)
 SETTINGS = (
-    "rd:preset=coral",
-    "rd:substeps=120",  # develops the pattern in seconds; the preset needs a hundred frames
-    "rd:patternScale=0.02",
-    "rd:seedDensity=0.0005",
-    "growth:birthRate=2",
+    "rd:substeps=120",
+    "rd:frontSpeed=80",  # spreads in half a second; the preset takes a hundred frames
     "bake:pattern=true",
 )
 
@@ -44,25 +41,23 @@ def main(folder: Path) -> Path:
 
 
 def check(path: Path) -> None:
-    """Check that the pattern spreads, children have new ids, and only splats in the pattern
-    move."""
+    """Check that the pattern spreads, new matter has new ids and lies over the capture, and the
+    capture stays."""
     stage = Usd.Stage.Open(str(path))
     field = stage.GetPrimAtPath(FIELD)
     before, after = (schema.fetch(field, frame) for frame in FRAMES)
     pattern = field.GetAttribute("primvars:splatSim:v")
-    areas = [np.mean(np.array(pattern.Get(frame)) > 0.2) for frame in FRAMES]
-    count = len(before.positions)
-    born = int(np.sum(after.opacities > 0)) - int(np.sum(before.opacities > 0))
-    print(f"pattern on {areas[0]:.0%}, then {areas[1]:.0%} of the splats; {born} were born")
-    assert areas[1] > max(0.3, 1.5 * areas[0])
-    assert born > 100
+    here = before.opacities > 0  # the capture; new matter has rows, but is invisible
+    areas = [np.mean(np.array(pattern.Get(frame))[here] > 0.2) for frame in FRAMES]
+    born = int(np.sum(after.opacities > 0)) - int(np.sum(here))
+    print(f"pattern on {areas[0]:.0%}, then {areas[1]:.0%} of the capture; {born} discs were born")
+    assert areas[0] < 0.05 and areas[1] > 0.2
+    assert born > 1000
     assert len(np.unique(after.ids)) == len(after.ids)
-    assert np.array_equal(after.ids[:count], before.ids)
-    v = np.array(pattern.Get(FRAMES[1]))[:count]
-    moved = np.linalg.norm(after.positions[:count] - before.positions, axis=1)
-    raised, flat = np.median(moved[v > 0.3]), np.median(moved[v < 0.02])
-    print(f"raised by {1000 * raised:.1f} mm where it is, by {1000 * flat:.1f} mm elsewhere")
-    assert raised > 10 * flat
+    assert np.array_equal(after.ids, before.ids)
+    moved = np.linalg.norm(after.positions - before.positions, axis=1)[here]
+    print(f"half of the capture moved by {1000 * np.median(moved):.1f} mm")
+    assert np.median(moved) == 0
 
 
 if __name__ == "__main__":

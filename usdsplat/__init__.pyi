@@ -32,7 +32,7 @@ from usdsplat.products.planning import plan_pictures as plan_pictures
 from usdsplat.products.request import RenderRequest as RenderRequest
 from usdsplat.render.settings import RenderSettings as RenderSettings
 from usdsplat.sim.stage.authoring import author as _author
-from usdsplat.sim.stage.simulating import Simulation as Simulation
+from usdsplat.sim.stage.simulation import Simulation as Simulation
 
 __version__: str
 author_parameters = _author

@@ -11,7 +11,7 @@ import pytest
 from pxr import Gf, Usd, UsdGeom
 
 from usdsplat import formats, schema
-from usdsplat.cli import console
+from usdsplat.cli import progress
 from usdsplat.cli.main import main
 from usdsplat.core.cloud import SplatCloud
 from usdsplat.delegate.engine import Engine
@@ -96,7 +96,7 @@ def run(capsys, monkeypatch):
 
     Lines of progress are off, as they depend on how busy the machine is.
     """
-    monkeypatch.setattr(console, "INTERVALS", ((math.inf, math.inf),))
+    monkeypatch.setattr(progress, "INTERVALS", ((math.inf, math.inf),))
 
     def command(*argv):
         capsys.readouterr()

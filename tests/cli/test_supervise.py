@@ -35,6 +35,10 @@ command._run = work
 from usdsplat.cli.supervise import entry
 raise SystemExit(entry())
 """
+ADVICE = """
+from usdsplat.core import interrupt
+interrupt.advise("go on with: usdsplat render --resume")
+"""
 ENDLESS = "sum(range(10**15))"  # C code that looks at no signal and keeps the GIL
 
 
@@ -97,6 +101,15 @@ def test_a_signal_ends_python_code_and_c_code(tmp_path, work, number):
         process.send_signal(number)
         assert end(process) == (128 + number, f"usdsplat: {NAMES[number]}\n")
     assert listed(tmp_path) == []
+
+
+@pytest.mark.parametrize("work", ["time.sleep(1000)", ENDLESS], ids=["python", "c"])
+def test_whoever_ends_the_command_says_how_to_go_on(tmp_path, work):
+    """Oracle: the advice of the command, in one sentence; C code is killed by the parent."""
+    with working(tmp_path, f"{ADVICE.strip()}\n{work}") as process:
+        process.send_signal(signal.SIGINT)
+        advice = "usdsplat: interrupted; go on with: usdsplat render --resume\n"
+        assert end(process) == (130, advice)
 
 
 @pytest.mark.parametrize(

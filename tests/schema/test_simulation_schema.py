@@ -12,8 +12,10 @@ from usdsplat.core.knobs import Knob, knobs
 from usdsplat.sim.parameters import GROUPS, INSTANCED
 
 CLASSES = {
-    "SplatSim": ("sim", "neighbors"),
-    "SplatSimGrowthAPI": ("rd", "relax", "growth"),
+    "SplatSim": ("sim", "neighbors", "carriers"),
+    "SplatSimGrowthAPI": ("rd", "relax", "growth", "accretion"),
+    "SplatSimRefineAPI": ("refine",),
+    "SplatSimMatterAPI": ("matter",),
     "SplatSimSettleAPI": ("settle",),
     "SplatSimConformAPI": ("conform",),
     "SplatSimDeformAPI": ("skin",),
@@ -23,14 +25,18 @@ CLASSES = {
     "SplatAffectorAPI": ("affector",),
     "SplatDeformerAPI": ("deform",),
     "SplatDriverAPI": ("driver",),
+    "SplatSimMaskAPI": ("mask",),
 }
+SINGLE = [name for name in CLASSES if name.startswith("SplatSim") and name.endswith("API")]
+SINGLE.remove("SplatSimMaskAPI")  # one for each mask
 RELATIONSHIPS = {
     "SplatSimGrowthAPI": {"splatSim:relax:surface"},
     "SplatSimConformAPI": {"splatSim:conform:target"},
     "SplatSimDeformAPI": {"splatSim:skin:skeleton", "splatSim:skin:mesh"},
     "SplatDeformerAPI": {"splatSim:deform:__INSTANCE_NAME__:frame"},
+    "SplatSimMaskAPI": {f"splatSim:mask:__INSTANCE_NAME__:{name}" for name in ("region", "frame")},
 }
-ARRAYS = {"token[]", "point3f[]"}
+ARRAYS = {"token[]", "point3f[]", "color3f[]"}
 EVERY = [
     (schema, group, item)
     for schema, groups in CLASSES.items()
@@ -50,15 +56,17 @@ def usd_name(group: str, item: Knob) -> str:
     """`max_count` of `sim` as `splatSim:sim:maxCount`."""
     first, *rest = item.name.split("_")
     name = first + "".join(word.title() for word in rest)
-    instance = "__INSTANCE_NAME__:" if group in ("deform", "driver") else ""
+    instance = "__INSTANCE_NAME__:" if group in ("deform", "driver", "mask") else ""
     return f"splatSim:{group}:{instance}{name}"
 
 
 @pytest.mark.parametrize("schema", CLASSES)
 def test_every_knob_is_a_property_and_every_property_a_knob(schema: str) -> None:
-    """Oracle: the knobs of the groups, and the relationships of the specification."""
+    """Oracle: the knobs of the groups, their masks, and the relationships of the specification."""
     names = {name for name in declared(schema).GetPropertyNames() if "splatSim:" in name}
-    own = {usd_name(group, item) for of, group, item in EVERY if of == schema}
+    knobs = [(group, item) for of, group, item in EVERY if of == schema]
+    own = {usd_name(group, item) for group, item in knobs}
+    own |= {f"{usd_name(group, item)}:mask" for group, item in knobs if item.takes_mask}
     assert names == own | RELATIONSHIPS.get(schema, set())
 
 
@@ -81,9 +89,9 @@ def test_type_default_choices_and_variability_agree(schema: str, group: str, ite
     assert (attribute.variability == Sdf.VariabilityUniform) == item.uniform
     default = attribute.default
     if expected in ARRAYS:
-        assert len(default) == len(item.default) == 0
+        assert np.allclose(np.array(default).reshape(-1), np.ravel(item.default))
     elif isinstance(item.default, tuple):
-        assert tuple(default) == item.default
+        assert tuple(default) == tuple(np.float32(item.default).tolist())
     elif isinstance(item.default, float):
         assert np.float32(default.GetValue() if expected == "timecode" else default) == np.float32(
             item.default
@@ -94,7 +102,7 @@ def test_type_default_choices_and_variability_agree(schema: str, group: str, ite
 
 
 @pytest.mark.parametrize("kind", ["SplatSim", "Mesh"])
-@pytest.mark.parametrize("schema", [name for name in CLASSES if name.startswith("SplatSim")][1:])
+@pytest.mark.parametrize("schema", SINGLE)
 def test_what_is_simulated_applies_to_simulations(stage: Usd.Stage, schema: str, kind: str) -> None:
     """Oracle: USD's CanApplyAPI."""
     assert bool(stage.DefinePrim("/Prim", kind).CanApplyAPI(schema)) == (kind == "SplatSim")
@@ -113,9 +121,11 @@ def test_affectors_are_shapes_and_skeletons(stage: Usd.Stage, kind: str, allowed
 def test_instances_have_properties_of_their_own(stage: Usd.Stage) -> None:
     """Oracle: two instances by hand; a simulation has its two collections built in."""
     prim = stage.DefinePrim("/Sim", "SplatSim")
-    for schema, name in (("SplatDeformerAPI", "bend"), ("SplatDriverAPI", "glow")):
+    instances = ("SplatDeformerAPI", "bend"), ("SplatDriverAPI", "glow"), ("SplatSimMaskAPI", "top")
+    for schema, name in instances:
         assert prim.CanApplyAPI(schema, name) and prim.ApplyAPI(schema, name)
     assert prim.GetAttribute("splatSim:deform:bend:axis").Get() == "Y"
     assert prim.GetAttribute("splatSim:driver:glow:source").Get() == "v"
+    assert prim.GetAttribute("splatSim:mask:top:source").Get() == "primvar"
     assert prim.GetRelationship("splatSim:deform:bend:frame")
     assert all(prim.HasAPI("CollectionAPI", name) for name in ("splats", "affectors"))

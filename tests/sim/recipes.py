@@ -13,9 +13,23 @@ from tests.sim.clouds import even_sphere
 from tests.sim.shapes import sphere
 from usdsplat.core.cloud import F32, SplatCloud
 from usdsplat.kernels.device import CpuDevice
-from usdsplat.sim.parameters import DeformParameters, DriverParameters, Parameters
+from usdsplat.sim.parameters import (
+    DeformParameters,
+    DriverParameters,
+    MaskParameters,
+    Parameters,
+)
 from usdsplat.sim.solver import Solver
-from usdsplat.sim.specs import Affector, Deformer, Driver, Moment, SkinBinding, SkinPose, Surface
+from usdsplat.sim.specs import (
+    Affector,
+    Deformer,
+    Driver,
+    Mask,
+    Moment,
+    SkinBinding,
+    SkinPose,
+    Surface,
+)
 from usdsplat.sim.state import Frame
 from usdsplat.sim.uses import uses_over
 
@@ -67,9 +81,24 @@ def ball(count: int = 800, degree: int = 1, seed: int = 3) -> SplatCloud:
     )
 
 
-def deformer(type: str, name: str = "d", mask: F32 | None = None, **given: Any) -> Deformer:
+def deformer(type: str, name: str = "d", **given: Any) -> Deformer:
     parameters = DeformParameters(type=type, **given)
-    return Deformer(name=name, parameters=parameters, frame=np.eye(4), mask=mask)
+    return Deformer(name=name, parameters=parameters, frame=np.eye(4))
+
+
+def painted(values: F32, *knobs: str, **given: Any) -> dict[str, Any]:
+    """Values of a moment: a mask of the capture's splats, and the parameters that have it."""
+    own = MaskParameters(source="primvar", primvar="paint", **{"clamp": False, **given})
+    mask = Mask(name="paint", parameters=own, frame=np.eye(4), primvar=values)
+    return {"masks": {"paint": mask}, "masked": dict.fromkeys(knobs, ("paint",))}
+
+
+def mask(source: str, name: str = "m", frame: Any = None, **given: Any) -> Mask:
+    """A mask; parameters and parts by name."""
+    parts = {key: given.pop(key) for key in list(given) if key in Mask.__dataclass_fields__}
+    matrix = np.eye(4) if frame is None else frame
+    parameters = MaskParameters(source=source, **given)
+    return Mask(name=name, parameters=parameters, frame=matrix, **parts)
 
 
 def driver(output: str, name: str = "r", **given: Any) -> Driver:
@@ -192,11 +221,11 @@ def on_carriers(count: int = 800) -> Written:
     parameters = knobs(**LIVELY)
 
     def says(time: float) -> dict[str, Any]:
-        bend = deformer("bend", "a", angle=2 * time, length=1.0, mask=mask)
+        bend = deformer("bend", "a", angle=2 * time, length=1.0)
         curl = deformer("curl", "b", amount=0.05, size=0.7, speed=0.6)
         return {
             "parameters": parameters, "affectors": _bodies(time), "drivers": _drivers(),
-            "deformers": (bend, curl), "skin": joints(time),
+            "deformers": (bend, curl), "skin": joints(time), **painted(mask, "deform:a:weight"),
         }  # fmt: skip
 
     selection = np.ones(count, np.float32)

@@ -18,6 +18,7 @@ from tests.sim.recipes import (
     deformer,
     driver,
     knobs,
+    painted,
     played,
     pusher,
     started,
@@ -277,8 +278,9 @@ def test_children_go_where_their_parents_mask_takes_them(device) -> None:
     mask = (rest.positions[:, 2] > 0.3).astype(np.float32)
 
     def says(time: float) -> dict[str, Any]:
-        move = deformer("transform", translate=(10.0, 0.0, 0.0), mask=mask)
-        return {"parameters": knobs(**FERTILE), "deformers": (move,)}
+        move = deformer("transform", translate=(10.0, 0.0, 0.0))
+        own = painted(mask, "deform:d:weight")
+        return {"parameters": knobs(**FERTILE), "deformers": (move,), **own}
 
     solver = started(device, Written(rest, says), 14)
     for _ in range(14):

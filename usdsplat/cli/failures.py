@@ -28,10 +28,11 @@ _SIGNS = (
 
 
 def interrupted(error: KeyboardInterrupt) -> int:
-    """Say that a signal ended the command; return the exit status."""
+    """Say that a signal ended the command, and how to go on; return the exit status."""
     status = interrupt.status(error)
     number = status - 128
-    console.complain("interrupted" + interrupt.sender(number))
+    rest = f"; {interrupt.advice()}" if interrupt.advice() else ""
+    console.complain(f"interrupted{interrupt.sender(number)}{rest}")
     return status
 
 

@@ -111,7 +111,7 @@ def _run(arguments: list[str]) -> int:
     options = parse(command.Options, name, command.__doc__ or "", words)
     if isinstance(options, int):
         return options
-    return reported(command, options)
+    return reported(command, options, arguments)
 
 
 def _flags_of(arguments: list[str]) -> set[str]:

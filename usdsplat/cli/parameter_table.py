@@ -10,23 +10,36 @@ from typing import Any
 
 from usdsplat.cli import console
 from usdsplat.core.knobs import Knob, knobs
-from usdsplat.sim.parameters import GROUPS, INSTANCED, camel
+from usdsplat.sim.parameters import GROUPS, INSTANCED, NAMED, camel
 from usdsplat.sim.schema_source import MULTIPLE, SIMULATION, SINGLE, spelled
 
-PLACES = {"deform": "deform:<name>", "driver": "driver:<name>"}
+PLACES = {group: f"{group}:<name>" for group in NAMED}
 """Group -> prefix of the parameters of a schema that can be applied several times."""
 COLLECTIONS = (
     (
         "collection:splats:includes",
+        "rel",
         "the splat fields that are simulated; default: all of the stage",
     ),
-    ("collection:affectors:includes", "the affectors that act on them; default: all of the stage"),
+    (
+        "collection:affectors:includes",
+        "rel",
+        "the affectors that act on them; default: all of the stage",
+    ),
+    (
+        "primvars:splatSim:weight",
+        "float[]",
+        "selection of each splat, 0 to 1, a primvar of the field: it multiplies settling, growth, "
+        "births and conforming; affectors do not push splats of weight 0, and those below one "
+        "half neither dissolve nor are seeded by seedMode selection",
+    ),
 )
+"""Name, type and meaning of what else a simulation reads."""
 
 
 def rows() -> list[dict[str, Any]]:
     """Return one entry for each parameter and relationship: name, group, type, default, range,
-    unit, uniform, text."""
+    unit, uniform, mask, text."""
     return [row for group in {**GROUPS, **INSTANCED} for row in _rows(group)]
 
 
@@ -42,8 +55,10 @@ def show() -> None:
         for row in _rows(group):
             _show(row, width)
     console.say(
-        "\nU: uniform, the same at all times; other parameters may be animated. On the stage, a "
-        "parameter is\nthe attribute splatSim:PARAMETER of the SplatSim prim, or of the affector."
+        "\nU: uniform, the same at all times; other parameters may be animated. M: takes a mask, a "
+        "number for\neach splat that multiplies it: splatSim:PARAMETER:mask names an instance of "
+        "SplatSimMaskAPI. On the\nstage, a parameter is the attribute splatSim:PARAMETER of the "
+        "SplatSim prim, or of the affector."
     )
 
 
@@ -60,16 +75,16 @@ def _rows(group: str) -> list[dict[str, Any]]:
     """Return the entries of a group."""
     lead = PLACES.get(group, group)
     found = [_row(group, lead, item) for item in knobs({**GROUPS, **INSTANCED}[group])]
-    relationships = [*COLLECTIONS] if group == "sim" else []
+    others = [*COLLECTIONS] if group == "sim" else []
     for each in (SIMULATION, *SINGLE, *MULTIPLE):
         if group in each.groups:
             for name, text in each.relationships:
                 own = f"{lead}:{name}" if each in MULTIPLE else name
                 if own.startswith(f"{lead}:"):
-                    relationships.append((own, text[0].lower() + text[1:].rstrip(".")))
-    nothing = dict.fromkeys(("default", "range", "choices"))
-    for name, text in relationships:
-        about = {"name": name, "group": group, "type": "rel", "unit": "", "uniform": True}
+                    others.append((own, "rel", text[0].lower() + text[1:].rstrip(".")))
+    nothing = {**dict.fromkeys(("default", "range", "choices")), "mask": False}
+    for name, kind, text in others:
+        about = {"name": name, "group": group, "type": kind, "unit": "", "uniform": True}
         found.append({**about, **nothing, "text": text})
     return found
 
@@ -85,6 +100,7 @@ def _row(group: str, lead: str, item: Knob) -> dict[str, Any]:
         "choices": None if item.choices is None else list(item.choices),
         "unit": item.unit,
         "uniform": item.uniform,
+        "mask": item.takes_mask,
         "text": spelled(item.text),
     }
 
@@ -93,9 +109,10 @@ def _show(row: dict[str, Any], width: int) -> None:
     """Print the lines of an entry."""
     limits = "" if row["range"] is None else f"{row['range'][0]} to {row['range'][1]}"
     numbers = " ".join(filter(None, (limits or "|".join(row["choices"] or ()), row["unit"])))
-    is_rel = row["type"] == "rel"
-    kind = row["type"] + (" U" if row["uniform"] and not is_rel else "")
-    default = "" if is_rel else _shown(row["default"])
+    is_other = row["default"] is None  # a relationship, or a primvar
+    marks = "" if is_other else " U" * row["uniform"] + " M" * row["mask"]
+    kind = row["type"] + marks
+    default = "" if is_other else _shown(row["default"])
     console.say(f"{row['name']:<30} {kind:<11} {default:<12} {numbers}".rstrip())
     console.say(textwrap.fill(row["text"], width, initial_indent="    ", subsequent_indent="    "))
 

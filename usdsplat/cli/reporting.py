@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import asdict, dataclass
 from typing import Annotated, Any, Protocol
 
 from usdsplat.cli import console
 from usdsplat.cli.arguments import option
+from usdsplat.cli.progress import listening
 from usdsplat.core.errors import StrictError
 from usdsplat.core.findings import LIBRARY_MESSAGES, Finding, Findings, finding
 from usdsplat.core.progress import Progress, silent
@@ -41,7 +42,9 @@ class ReportingOptions:
 class Reporter:
     """Printer of the findings and messages of one command."""
 
-    def __init__(self, options: ReportingOptions) -> None:
+    def __init__(self, options: ReportingOptions, arguments: Sequence[str] = ()) -> None:
+        self.arguments = tuple(arguments)
+        """The command line after the program's name."""
         self._quiet = options.quiet
         self._verbose = options.verbose
         self.findings = Findings(self._tell, say=self.remark, is_strict=options.strict)
@@ -58,8 +61,8 @@ class Reporter:
     def progress(
         self, compiled: Callable[[], float] = lambda: 0.0
     ) -> AbstractContextManager[Progress]:
-        """Return a progress listener, see `console.progress`."""
-        return nullcontext(silent) if self._quiet else console.progress(compiled)
+        """Return a progress listener, see `progress.listening`."""
+        return nullcontext(silent) if self._quiet else listening(compiled)
 
     def announce_compilation(self, text: str = console.PICTURES) -> Callable[[str], None]:
         """Return a function to call for each compiled kernel, see `console`."""
@@ -107,13 +110,18 @@ class Command(Protocol):
         """Run the command and return the exit status."""
 
 
-def reported(command: Command, options: Any) -> int:
+def reported(command: Command, options: Any, arguments: Sequence[str] = ()) -> int:
     """Run a command, report its findings, and return the exit status.
+
+    Args:
+        command: Its module.
+        options: Its options.
+        arguments: The command line after the program's name.
 
     Returns:
         That of the command; 1 if the command is strict and there is an error or a warning.
     """
-    reporter = Reporter(options.reporting)
+    reporter = Reporter(options.reporting, arguments)
     findings = reporter.findings
     uses_usd = getattr(command, "USES_USD", True)
     try:

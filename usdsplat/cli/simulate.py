@@ -7,24 +7,28 @@ examples:
       a capture becomes another one; --preset conform --target mesh.usd moves it onto meshes
   usdsplat simulate grow.usda --frames 1:100 -o bake.usda
       run it; bake.usda shows the result, and the capture is not changed
-  usdsplat simulate grow.usda -o bake.usda --set rd:preset=coral --set affector:friction=0.5
+  usdsplat simulate grow.usda -o bake.usda --set accretion:style=moss --set affector:friction=0.5
       with other values, without editing the stage
   usdsplat simulate city_grow.usda -o bake.usda --max-splats 300000
       simulate a cut of a splat tree; the bake is drawn in place of the tree
   usdsplat simulate grow.usda --frames 1:100 -o bake.usda --resume
-      continue an interrupted bake
+      continue an interrupted bake, or make a finished one of fewer frames longer
   usdsplat simulate --list-parameters
       every parameter with its range, unit and meaning
 
 notes:
   bake.usda has the stage as a sublayer and can be opened in any USD application. Mute its data
   layer to see the capture again. A bake can be resumed from its last checkpoint, see
-  bake:checkpointEvery, as long as its inputs have not changed.
+  bake:checkpointEvery, as long as its inputs have not changed. A finished bake keeps the state at
+  the first frame of its last epoch (bake:clipFrames), bake_data/kept_checkpoint.
 """
 
 from __future__ import annotations
 
 import itertools
+import shlex
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -33,13 +37,14 @@ from usdsplat.cli import console
 from usdsplat.cli.arguments import option, positional
 from usdsplat.cli.reporting import Reporter, ReportingOptions
 from usdsplat.cli.stage_options import StageOptions
+from usdsplat.core import interrupt
 from usdsplat.core.errors import UsageError
 from usdsplat.images.frame_numbers import LIMIT, parse_frames
 
 if TYPE_CHECKING:
     from pxr import Usd
 
-    from usdsplat.sim.stage.simulating import Existing
+    from usdsplat.sim.stage.simulating import Existing, SimulateOptions
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,8 +59,13 @@ class Options:
     """frames such as 1:100; default: the stage's range"""
     preset: Annotated[str | None, option("grow|push|conform|morph|dissolve")] = None
     """make a stage that is ready for simulation, and stop"""
+    style: Annotated[str | None, option("NAME")] = None
+    """with --preset grow: look of the new matter, such as moss; default: coral"""
+    material: Annotated[str | None, option("NAME")] = None
+    """with a preset that takes one: what the capture is made of"""
     target: Annotated[Path | None, option("STAGE|CAPTURE")] = None
-    """with --preset conform or morph: meshes to move onto, or a capture to become"""
+    """with --preset conform or morph: meshes to move onto, by default a ring, or a capture to
+    become"""
     overrides: Annotated[tuple[str, ...], option("[/PRIM.]NAME=VALUE", name="set")] = ()
     """value that overrides the stage's parameter, such as rd:preset=coral; may be repeated"""
     list_parameters: Annotated[bool, option()] = False
@@ -66,9 +76,13 @@ class Options:
     """simulate each splat tree with at most so many splats, by refining its largest errors first;
     default: as on the stage, else 1000000"""
     resume: Annotated[bool, option()] = False
-    """continue an existing bake from its last checkpoint"""
+    """continue an interrupted bake from its last checkpoint, or add the frames that --frames has
+    more than a finished one"""
     force: Annotated[bool, option()] = False
     """replace an existing bake"""
+    drop_checkpoint: Annotated[bool, option()] = False
+    """do not keep the checkpoint from which frames can be added; with --resume also remove that of
+    a finished bake"""
     axes: Annotated[str | None, option("AXES")] = None
     """directions of a capture's x, y and z, such as rdf; default: auto: as stated in the file, else
     as its splats suggest, else rdf"""
@@ -95,8 +109,6 @@ def run(options: Options, reporter: Reporter) -> int:
     if options.stage is None or options.output is None:
         missing = "no STAGE" if options.stage is None else "no --output"
         raise UsageError("simulate", missing, "a stage or capture, and -o FILE")
-    if options.target is not None and options.preset is None:
-        raise UsageError("--target", "no --preset", "--preset conform or morph")
     if options.preset is not None:
         return _make(options, options.preset, reporter)
     return _bake(options, options.stage, options.output, reporter)
@@ -121,8 +133,9 @@ def _make(options: Options, preset: str, reporter: Reporter) -> int:
         reporter.findings.check()
     with reporter.progress() as progress:
         files = make_stage(
-            preset, source, target, axes=options.axes, progress=progress, goal=options.target
-        )
+            preset, source, target, axes=options.axes, progress=progress,
+            options=_preset_options(options),
+        )  # fmt: skip
     if options.json:
         reporter.print_json({"files": [str(path) for path in files]})
         return 0
@@ -134,13 +147,19 @@ def _make(options: Options, preset: str, reporter: Reporter) -> int:
     return 0
 
 
+def _preset_options(options: Options) -> dict[str, str | None]:
+    """Return the values of the flags of which a preset takes one."""
+    target = None if options.target is None else str(options.target)
+    return {"style": options.style, "material": options.material, "target": target}
+
+
 def _bake(options: Options, source: Path, target: Path, reporter: Reporter) -> int:
     """Simulate a stage and write its bake."""
     from usdsplat.cli.stages import open_stage
     from usdsplat.interchange.files import check_not_input, is_usd, layer_files
     from usdsplat.kernels.compiling import compile_time, on_compile
     from usdsplat.sim.stage.overrides import override
-    from usdsplat.sim.stage.simulating import SimulateOptions, simulate
+    from usdsplat.sim.stage.simulating import simulate
 
     if not is_usd(source):
         found = f"{source}, which is a capture"
@@ -148,6 +167,9 @@ def _bake(options: Options, source: Path, target: Path, reporter: Reporter) -> i
         raise UsageError("simulate", found, expected)
     if not target.name:
         raise UsageError("--output", repr(str(target)), "a file")
+    for name, given in _preset_options(options).items():
+        if given is not None:
+            raise UsageError(f"--{name}", f"{given!r} without --preset", "--preset with it")
     stage = open_stage(source, options.stage_opening, reporter)
     check_not_input(target, layer_files(stage))
     for text in (*_tree_overrides(options, stage), *options.overrides):
@@ -155,23 +177,70 @@ def _bake(options: Options, source: Path, target: Path, reporter: Reporter) -> i
     announce = reporter.announce_compilation(
         "compiling kernels, once for each kind of simulation; it takes up to a minute"
     )
-    with compile_time() as compiled, reporter.progress(compiled) as progress, on_compile(announce):
+    frames = _frames(options, stage)
+    with (
+        compile_time() as compiled,
+        reporter.progress(compiled) as progress,
+        on_compile(announce),
+        advising(reporter.arguments, target),
+    ):
         report = simulate(
-            stage,
-            target,
-            _frames(options, stage),
-            SimulateOptions(
-                device=options.device, threads=options.threads, existing=_existing(options)
-            ),
-            progress=progress,
-            findings=reporter.findings,
-        )
+            stage, target, frames, simulate_options(options), progress=progress,
+            findings=reporter.findings, rates=rates_file(),
+        )  # fmt: skip
     if options.json:
         reporter.print_json(asdict(report))
     else:
         console.say_path(target)
         reporter.remark(report.sentence())
     return 0
+
+
+def simulate_options(options: Options) -> SimulateOptions:
+    """Return the options of the simulation."""
+    from usdsplat.sim.stage.simulating import SimulateOptions
+
+    return SimulateOptions(
+        device=options.device,
+        threads=options.threads,
+        existing=_existing(options),
+        keeps_checkpoint=not options.drop_checkpoint,
+    )
+
+
+def rates_file() -> Path | None:
+    """Return the file with the rates of this machine, beside the kernels that it compiled."""
+    from usdsplat.kernels.store import folder
+
+    kernels = folder()
+    return None if kernels is None else kernels / "rates.json"
+
+
+def resumed(arguments: Sequence[str]) -> str:
+    """Return the command that continues another one."""
+    words = [word for word in arguments if word not in ("--force", "--resume")]
+    return shlex.join(["usdsplat", *words, "--resume"])
+
+
+@contextmanager
+def advising(arguments: Sequence[str], target: Path) -> Iterator[None]:
+    """Tell how to go on if the context is interrupted.
+
+    Args:
+        arguments: The command line after the program's name.
+        target: The bake.
+    """
+    interrupt.advise(f"go on with: {resumed(arguments)}")
+    try:
+        yield
+        interrupt.advise("")
+    except KeyboardInterrupt:
+        from usdsplat.sim.stage.bake_layers import resume_frame
+
+        frame = resume_frame(target)
+        after = "begin again" if frame is None else f"go on after frame {frame:g}"
+        interrupt.advise(f"{after} with: {resumed(arguments)}")
+        raise
 
 
 def _tree_overrides(options: Options, stage: Usd.Stage) -> tuple[str, ...]:

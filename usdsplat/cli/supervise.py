@@ -32,7 +32,7 @@ GRACE = 1.5
 IMPATIENCE = 0.5
 """Time after which another signal ends the command at once [s]. Two programs may send the same
 signal at about the same time, such as a terminal and `make`."""
-_MADE, _REMOVED, _DONE = b"+", b"-", b"="
+_MADE, _REMOVED, _DONE, _ADVICE = b"+", b"-", b"=", b"?"
 _HELP = {"-h", "--help", "help", "--version"}
 """Words that ask for help, as the first argument or as the only one of a command."""
 
@@ -162,6 +162,7 @@ class Child:
 
         self._lock = threading.Lock()
         output.announce = self._announce
+        interrupt.pass_advice_to(lambda advice: self._send(_ADVICE + os.fsencode(advice)))
         threading.Thread(target=self._watch, name="usdsplat parent", daemon=True).start()
 
     def done(self, status: int) -> None:
@@ -272,6 +273,8 @@ class Parent:
             kind, text = message[:1], os.fsdecode(message[1:])
             if kind == _DONE:
                 self._done = int(text)
+            elif kind == _ADVICE:
+                interrupt.advise(text)
             elif kind == _MADE:
                 self._paths.add(text)
             else:

@@ -9,6 +9,7 @@ file.
 from __future__ import annotations
 
 import signal
+from collections.abc import Callable
 from types import FrameType
 
 SIGNALS = tuple(
@@ -25,6 +26,8 @@ _IN_CPP = (
 """C++ packages that ignore an exception raised by a signal handler while they are imported."""
 
 _received = 0
+_advice = ""
+_tell: Callable[[str], None] | None = None
 
 
 class Interrupted(KeyboardInterrupt):
@@ -66,9 +69,33 @@ def received() -> int:
 
 
 def forget() -> None:
-    """Remove the record."""
-    global _received
-    _received = 0
+    """Remove the record, and the advice."""
+    global _received, _advice
+    _received, _advice = 0, ""
+
+
+def advise(text: str) -> None:
+    """Set what to tell the user if the process is interrupted: how to go on.
+
+    Args:
+        text: Continues the sentence "interrupted; ", such as "go on with: usdsplat ..."; "" for
+            nothing.
+    """
+    global _advice
+    _advice = text
+    if _tell is not None:
+        _tell(text)
+
+
+def pass_advice_to(receiver: Callable[[str], None]) -> None:
+    """Call a function with each new advice: the parent process needs it when it kills this one."""
+    global _tell
+    _tell = receiver
+
+
+def advice() -> str:
+    """Return what `advise` set last."""
+    return _advice
 
 
 def check() -> None:

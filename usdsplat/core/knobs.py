@@ -40,6 +40,8 @@ class Knob:
     """Sdf value type name, if it does not follow from `type`."""
     uniform: bool = False
     """Whether the value is constant over time; others may have time samples on a stage."""
+    takes_mask: bool = False
+    """Whether the value may differ from splat to splat, by a mask that multiplies it."""
 
     @property
     def expected(self) -> str:
@@ -61,6 +63,7 @@ def knob(
     choices: Iterable[Any] | None = None,
     usd_type: str | None = None,
     uniform: bool = False,
+    takes_mask: bool = False,
 ) -> Any:
     """Declare a dataclass field as a knob; see `Knob` for the arguments.
 
@@ -73,6 +76,7 @@ def knob(
         "choices": None if choices is None else tuple(choices),
         "usd_type": usd_type,
         "uniform": uniform,
+        "takes_mask": takes_mask,
     }
     return field(default=default, metadata={"knob": metadata})
 

@@ -26,6 +26,9 @@ READABLE = 1 << 30
 """Maximum number of pixels of a file."""
 
 Encoding = Literal["auto", "sRGB", "raw"]
+Channel = Literal["luminance", "r", "g", "b", "a"]
+LUMINANCE = (0.2126, 0.7152, 0.0722)
+"""Weights of red, green and blue, of Rec.709."""
 
 
 def read_texture(path: Path | str, *, encoding: Encoding = "auto", largest: int = LARGEST) -> F32:
@@ -53,6 +56,32 @@ def read_texture(path: Path | str, *, encoding: Encoding = "auto", largest: int 
     return _linear(rgb, encoding, step)
 
 
+def read_channel(path: Path | str, channel: Channel, *, largest: int = LARGEST) -> F32:
+    """Read one channel of a picture, without decoding colours.
+
+    Args:
+        path: A file of any format that OpenImageIO reads; the first part or level is read.
+        channel: A channel, or the luminance of Rec.709; a grey picture has equal colours.
+        largest: Size above which the picture is reduced [pixel].
+
+    Returns:
+        0 to 1 for pictures of integers, shape (h, w), row 0 at the top.
+
+    Raises:
+        FormatError: If the file cannot be read as a picture, or has no such channel.
+    """
+    pixels = _read(str(path), is_plain=True)
+    count, step = pixels.shape[2], -(-max(pixels.shape[:2]) // largest)
+    alpha = {2: 1, 4: 3}.get(count)
+    if channel == "a" and alpha is None:
+        raise FormatError(str(path), f"{count} channels without alpha", "one with alpha")
+    rows = [alpha or 0] * 3 if channel == "a" else [0, 1, 2] if count >= 3 else [0, 0, 0]
+    rgb = _linear(pixels[..., rows], "raw", step)
+    if channel == "luminance":
+        return np.ascontiguousarray(rgb @ np.array(LUMINANCE, np.float32))
+    return np.ascontiguousarray(rgb[..., max("rgb".find(channel), 0)])
+
+
 def read_packed_texture(data: bytes, name: str, *, encoding: Encoding = "auto") -> F32:
     """Read a picture from bytes, as `read_texture` does; the suffix of `name` is its format.
 
@@ -69,9 +98,12 @@ def read_packed_texture(data: bytes, name: str, *, encoding: Encoding = "auto") 
             raise FormatError(name, error.found, error.expected) from None
 
 
-def _read(path: str) -> npt.NDArray[Any]:
-    """Read all channels in the file's own type, shape (h, w, c)."""
-    file = oiio.ImageInput.open(readable(path))
+def _read(path: str, *, is_plain: bool = False) -> npt.NDArray[Any]:
+    """Read all channels in the file's own type, shape (h, w, c); colours that are not premultiplied
+    in the file are premultiplied unless `is_plain`."""
+    config = oiio.ImageSpec()
+    config.attribute("oiio:UnassociatedAlpha", int(is_plain))
+    file = oiio.ImageInput.open(readable(path), config)
     if file is None:
         raise FormatError(path, _reason(), "a picture")
     try:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import cast, get_args
 
 from usdsplat.core.errors import OutputError, UsageError
 from usdsplat.core.folders import made_folder
@@ -11,7 +11,7 @@ from usdsplat.core.progress import Progress
 from usdsplat.interchange.files import check_not_input, check_suffix, is_usd, open_stage
 from usdsplat.interchange.importing import import_capture
 from usdsplat.interchange.options import ImportOptions
-from usdsplat.sim.stage.presets import TARGETED, PresetName, author_preset
+from usdsplat.sim.stage.presets import author_preset, find_preset
 
 
 def make_stage(
@@ -21,34 +21,33 @@ def make_stage(
     *,
     axes: str | None,
     progress: Progress,
-    goal: Path | None = None,
+    options: Mapping[str, str | None] | None = None,
 ) -> list[Path]:
     """Write a stage in which a capture is simulated.
 
     Args:
-        preset: One of `PresetName`.
+        preset: Name of a preset.
         source: A capture, which is imported into a .usdc beside the target, or a stage with one
             splat field, which the target refers to.
         target: A .usda or .usdc file that does not exist yet. A missing folder is made.
         axes: Directions of a capture's x, y and z; None to use the file's own.
         progress: Receives the progress of the import.
-        goal: What splats conform to or become: a stage, or a capture, which is imported beside the
-            target too.
+        options: Values of the presets' options by name, see `author_preset`; the target is the path
+            of a stage, or of a capture, which is imported beside the preset's stage too.
 
     Returns:
         The files that were written, the target last.
 
     Raises:
-        UsageError: If the preset does not exist, or `axes` is given for a stage.
+        UsageError: If the preset does not exist or does not take an option or its value, or `axes`
+            is given for a stage.
         OutputError: If the target exists or cannot be written.
     """
-    if preset not in get_args(PresetName):
-        raise UsageError("--preset", repr(preset), f"one of {', '.join(get_args(PresetName))}")
+    given = dict(options or {})
+    find_preset(preset, where="--preset").chosen(given)
+    file = given.pop("target", None)
+    goal = None if file is None else Path(file)
     check_suffix(target)
-    if goal is not None and preset not in TARGETED:
-        raise UsageError("--target", f"{goal}, and --preset {preset}", "--preset conform or morph")
-    if goal is None and preset == "morph":
-        raise UsageError("--target", "none, and --preset morph", "a capture to become")
     check_not_input(target, [source] if goal is None else [source, goal])
     if target.exists():
         raise OutputError(str(target), "a file", "a new name")
@@ -61,7 +60,7 @@ def make_stage(
             there = None
             if goal is not None:
                 there = open_stage(_stage_of(goal, target, "target", None, progress, made))
-            author_preset(cast(PresetName, preset), open_stage(capture), target, goal=there)
+            author_preset(preset, open_stage(capture), target, options=given, goal=there)
         except BaseException:
             for path in made:
                 path.unlink(missing_ok=True)

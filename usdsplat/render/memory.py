@@ -19,7 +19,7 @@ from usdsplat.images.aovs import AOVS
 from usdsplat.images.cryptomatte import LAYERS, rank_pairs
 from usdsplat.images.holdout_nodes import STRIP
 from usdsplat.kernels import bins, triangles
-from usdsplat.render.aov_resolver import BESIDE_MEDIAN, SUMMED, SURFACE
+from usdsplat.render.aov_resolver import BESIDE_MEDIAN, PRODUCT, SUMMED, SURFACE
 from usdsplat.render.buffers import Buffer, Sizes
 from usdsplat.render.deep_memory import deep_bytes
 from usdsplat.render.draw_list import DrawList, Group

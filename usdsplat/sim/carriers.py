@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from usdsplat.core.cloud import F32, I32, I64, SplatCloud
+from usdsplat.core.progress import phase
 from usdsplat.core.quaternion import to_matrix
 from usdsplat.kernels.device import Device
 from usdsplat.kernels.points.nearest import nearest
@@ -207,10 +208,11 @@ def carriers_of(device: Device, recipe: Recipe, uses: Uses, first: Moment) -> Ca
         distance = p.rd.pattern_scale
     elif distance <= 0:
         most = p.carriers.count
-    return Carriers.of(
-        device, recipe.rest, distance=distance, seed=p.sim.seed, target=p.neighbors.target,
-        most=most,
-    )  # fmt: skip
+    with phase("carriers", work=len(recipe.rest)):
+        return Carriers.of(
+            device, recipe.rest, distance=distance, seed=p.sim.seed, target=p.neighbors.target,
+            most=most,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

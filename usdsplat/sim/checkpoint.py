@@ -43,7 +43,8 @@ def save(target: Path, checkpoint: Checkpoint) -> None:
     for number, (path, state) in enumerate(checkpoint.states.items()):
         scalars.append({"path": path, "step": state.step, "next_id": state.next_id})
         arrays |= {f"{number}|{name}": array for name, array in state.per_splat()}
-        arrays |= {f"{number}|globals:{key}": array for key, array in state.globals.items()}
+        others = sorted(state.globals.items())  # so that the bytes do not depend on their order
+        arrays |= {f"{number}|globals:{key}": array for key, array in others}
     meta = {
         "time": checkpoint.time,
         "parameterHash": checkpoint.parameter_hash,
@@ -75,6 +76,19 @@ def load(source: Path) -> Checkpoint:
             extras=_under(arrays, "extra|"),
         )
     except (KeyError, TypeError) as error:
+        raise FormatError(str(source), f"no {error}", "a checkpoint of a simulation") from error
+
+
+def time_of(source: Path) -> float:
+    """Return the frame of a checkpoint, without reading its states.
+
+    Raises:
+        FormatError: If the file is damaged or not a checkpoint.
+    """
+    meta = load_arrays(source, mapped=True, checked=False)[1]
+    try:
+        return float(meta["time"])
+    except (KeyError, TypeError, ValueError) as error:
         raise FormatError(str(source), f"no {error}", "a checkpoint of a simulation") from error
 
 

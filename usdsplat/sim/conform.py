@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from usdsplat.core import quaternion
 from usdsplat.core.cloud import F32, I32, I64
+from usdsplat.core.progress import phase
 from usdsplat.kernels.device import Device
 from usdsplat.kernels.sim import conform as kernels
 from usdsplat.sim.closest import Hits, Triangles
@@ -146,6 +147,7 @@ class Conform:
         parameters: ConformParameters,
         positions: F32,
         gradient: F32 | None = None,
+        factor: F32 | None = None,
     ) -> None:
         """Move splats towards the target.
 
@@ -156,6 +158,7 @@ class Conform:
             positions: [unit], shape (n, 3), changed in place.
             gradient: Gradient of the deformation so far, shape (n, 3, 3), multiplied in place by
                 the rotation and stretch of each splat.
+            factor: Factor of the weight of each splat, shape (n,).
 
         Raises:
             StageError: If the target is not a mesh, or has other triangles than before.
@@ -172,7 +175,8 @@ class Conform:
             float(parameters.duration), float(parameters.stagger),
         )  # fmt: skip
         run = self._device.run
-        run(kernels.advance, float(now), timing, bound["ranks"], self._select, way)
+        select = self._select if factor is None else self._select * factor
+        run(kernels.advance, float(now), timing, bound["ranks"], select, way)
         slide = _NOTHING
         if self._parameters.path == "slide":
             slide = self._slide(mesh, positions, way)
@@ -217,6 +221,14 @@ class Conform:
         rows = np.flatnonzero(kept["faces"] == UNBOUND)
         if len(rows) == 0:
             return
+        with phase("binding to the target", work=len(rows)):
+            self._bind_rows(mesh, rows, positions, gradient, is_first=is_first)
+
+    def _bind_rows(
+        self, mesh: TargetMesh, rows: Rows, positions: F32, gradient: F32, *, is_first: bool
+    ) -> None:
+        """Bind some splats."""
+        n, kept = len(positions), self._memory
         axes = np.empty_like(self._axes)
         self._device.run(kernels.look, gradient, self._axes, axes)
         hits = self._target_points(mesh.tree, positions[rows], axes[rows])

@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from usdsplat.core.cloud import F32, I64, SplatCloud
+from usdsplat.core.progress import phase
 from usdsplat.kernels.device import Device
 from usdsplat.kernels.sim import conform as conform_kernels
 from usdsplat.kernels.sim import landing as kernels
@@ -145,6 +146,7 @@ class TransportConform:
         parameters: ConformParameters,
         positions: F32,
         gradient: F32 | None = None,
+        factor: F32 | None = None,
     ) -> None:
         """Move splats towards the target.
 
@@ -155,6 +157,7 @@ class TransportConform:
             positions: [unit], shape (n, 3), changed in place.
             gradient: Gradient of the deformation so far, shape (n, 3, 3), replaced by that of the
                 deformation and the motion onto the target.
+            factor: Factor of the weight of each splat, shape (n,).
 
         Raises:
             StageError: If the target is not a mesh with an area, or has other triangles than
@@ -165,7 +168,7 @@ class TransportConform:
         mesh = self._update_target(target)
         if self._carrying is None:
             self._bind(mesh)
-        way = self._progress(now, parameters)
+        way = self._progress(now, parameters, factor)
         run, bound = self._device.run, self._bound
         run(
             kernels.travel, positions,
@@ -182,16 +185,15 @@ class TransportConform:
             ),
         )  # fmt: skip
 
-    def _progress(self, now: float, parameters: ConformParameters) -> F32:
+    def _progress(self, now: float, parameters: ConformParameters, factor: F32 | None) -> F32:
         """Return the progress of splats towards their places on the target, 0..1."""
         way = np.empty(len(self), np.float32)
         timing = (
             float(parameters.weight), float(parameters.start),
             float(parameters.duration), float(parameters.stagger),
         )  # fmt: skip
-        self._device.run(
-            conform_kernels.advance, float(now), timing, self._ranks, self._select, way
-        )
+        select = self._select if factor is None else self._select * factor
+        self._device.run(conform_kernels.advance, float(now), timing, self._ranks, select, way)
         return way
 
     def _update_target(self, surface: Surface) -> TargetMesh:
@@ -209,7 +211,8 @@ class TransportConform:
         rows = sheet.thinned(device, MOST)
         if len(rows) < len(sheet):
             sheet = sheet.selected(device, rows)
-        found = match(device, sheet, MeshGoal(device, mesh, len(sheet)))
+        with phase("transport", work=len(sheet)):
+            found = match(device, sheet, MeshGoal(device, mesh, len(sheet)))
         ground = MeshGround(mesh)
         self._finish(Carrying.along(device, found, ground, rest), ground, mesh)
 

@@ -17,7 +17,7 @@ from usdsplat.kernels.sim.sweep import sweep
 from usdsplat.sim.bodies import Bodies, pack_bodies
 from usdsplat.sim.fields import Fields
 from usdsplat.sim.specs import Affector
-from usdsplat.sim.state import State
+from usdsplat.sim.state import PINNED, State
 
 SINCE = "contact:since"
 """In `State.memory`: time since each splat's last contact [s], inf for none."""
@@ -81,17 +81,21 @@ class Contacts:
         before: Sequence[Affector],
         after: Sequence[Affector],
         dt: float,
+        *,
+        weight: F32 | None = None,
     ) -> ContactCounts:
         """End a substep: change `positions`, `velocities` and `memory[SINCE]` of the state.
 
-        Pinned splats stay. All others end outside every enabled affector of the role collide, at
-        least by its clearance times their size at rest. The current size is not used, because a
-        contact that stretches a splat would then push it farther away.
+        Pinned splats stay, and those without a weight. All others end outside every enabled
+        affector of the role collide, at least by its clearance times their size at rest. The
+        current size is not used, because a contact that stretches a splat would then push it
+        farther away.
 
         Args:
             started: Positions at the start of the substep [unit], shape (n, 3).
             before, after: All affectors at its start and its end.
             dt: Its duration [s].
+            weight: Selection weight of each splat, shape (n,); None selects all.
 
         Raises:
             StageError, UsageError: If a mesh has no distance field, as `bake_field`.
@@ -100,8 +104,11 @@ class Contacts:
         bodies = self.packed(before, after, dt)
         if not len(bodies) or not len(state):
             return ContactCounts()
+        flags = state.flags
+        if weight is not None:
+            flags = np.where(weight > 0, flags, flags | np.uint32(PINNED))
         particles = Particles(
-            flags=state.flags, sizes=_sizes(state), positions=state.positions,
+            flags=flags, sizes=_sizes(state), positions=state.positions,
             velocities=state.velocities, since=since,
         )  # fmt: skip
         counts, strikes = self.push(bodies, started, particles, dt)

@@ -1,24 +1,28 @@
 """Dissolve: splats detach one after the other and vanish. Assemble: the same, reversed in time.
 
-The time at which a splat detaches depends on its rest position and its identity alone. Times are
-kept in the state's memory, so that they do not change when rest positions grow, and children detach
-with their parents. Assemble runs arrivals from `start` to `start + duration` in the opposite order.
-Before its arrival, a splat is where a flight without turbulence would take it in the time that is
-left.
+The time at which a splat detaches depends on its rest position and its identity alone, or on a
+mask. Times are kept in the state's memory, so that they do not change when rest positions grow, and
+children detach with their parents. Where the order is a mask that changes, a splat detaches as soon
+as the mask is low enough for the time. Assemble runs arrivals from `start` to `start + duration` in
+the opposite order. Before its arrival, a splat is where a flight without turbulence would take it
+in the time that is left.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from usdsplat.core.cloud import F32, F64
+from usdsplat.core.errors import StageError
 from usdsplat.kernels.device import Device
 from usdsplat.kernels.sim import dissolve as kernels
 from usdsplat.sim.flight import from_world
 from usdsplat.sim.parameters import DissolveParameters, ParticlesParameters
+from usdsplat.sim.settle import SPEEDS
 from usdsplat.sim.state import FREE, PINNED, State
 
 TIMES, GONE = "dissolve:times", "dissolve:gone"
@@ -31,6 +35,10 @@ UNSELECTED = 0.5
 _BY = {"noise": kernels.NOISE, "distance": kernels.DISTANCE, "random": kernels.RANDOM}
 
 
+def _unmasked(knob: str) -> None:
+    """Return that a parameter has no mask."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Dissolve:
     """A dissolve or assemble of one state."""
@@ -38,10 +46,19 @@ class Dissolve:
     device: Device
     parameters: DissolveParameters
     seed: int
+    factor: Callable[[str], F32 | None] = _unmasked
+    """Returns the factor of a parameter by its name, such as "speed", shape (n,); None where it has
+    no mask. That of "by" is the order."""
 
     @classmethod
     def of(
-        cls, device: Device, state: State, parameters: DissolveParameters, *, seed: int
+        cls,
+        device: Device,
+        state: State,
+        parameters: DissolveParameters,
+        *,
+        seed: int,
+        factor: Callable[[str], F32 | None] = _unmasked,
     ) -> Dissolve:
         """Return a dissolve; compute the times unless the state has them.
 
@@ -50,8 +67,12 @@ class Dissolve:
             state: At rest or resumed; its memory changes.
             parameters: Start, duration, order and impulse must not change over time.
             seed: Seed of the simulation.
+            factor: Factors of masked parameters at the beginning.
+
+        Raises:
+            StageError: If the order is a mask, and there is none.
         """
-        made = cls(device, parameters, seed)
+        made = cls(device, parameters, seed, factor)
         if TIMES not in state.memory:
             state.memory[TIMES] = made._times(state)
             state.memory[GONE] = np.zeros(len(state), np.uint8)
@@ -66,6 +87,8 @@ class Dissolve:
         """Return the time at which each splat detaches or arrives; unselected ones never detach, or
         have always been there."""
         p = self.parameters
+        if p.by == "mask":
+            return self._masked_times(state)
         origin = np.array(p.origin if p.by == "distance" else (0, 0, 0), np.float32)
         per_length = 1 / p.size
         if p.by == "distance":
@@ -85,13 +108,47 @@ class Dissolve:
         if self.is_assembling:
             turn = 1 - turn
         times = p.start + turn.astype(np.float64) * p.duration
+        return self._selected(state, times)
+
+    def _masked_times(self, state: State) -> F32:
+        """Return the time at which each splat detaches or arrives by the mask now."""
+        p, order = self.parameters, self.factor("by")
+        if order is None:
+            where = "splatSim:dissolve:by"
+            raise StageError(where, "mask", "splatSim:dissolve:by:mask with the name of a mask")
+        turn = order.astype(np.float64)
+        return self._selected(
+            state, p.start + (1 - turn if self.is_assembling else turn) * p.duration
+        )
+
+    def _selected(self, state: State, times: F64) -> F32:
+        """Return times that unselected splats never reach, or have always been at."""
         never = -math.inf if self.is_assembling else math.inf
         return np.where(state.weight < UNSELECTED, never, times).astype(np.float32)
 
     @property
-    def _impulse(self) -> tuple[np.float32, np.float32]:
-        p = self.parameters
-        return np.float32(p.speed), np.float32(math.cos(math.radians(p.spread)))
+    def _impulse(self) -> tuple[F32, np.float32]:
+        """Return the speed of all splats or of each, and the cosine of the cone's half angle."""
+        p, factor = self.parameters, self.factor("speed")
+        speeds = np.array([p.speed], np.float32)
+        if factor is not None:
+            speeds = speeds * factor
+        return self.device.upload(speeds), np.float32(math.cos(math.radians(p.spread)))
+
+    def follow(self, state: State, *, now: float) -> None:
+        """Update the times of splats that have not detached, if their order is a mask that has
+        changed. Those that should have detached before do so now.
+
+        Args:
+            state: Its memory changes.
+            now: Time since the simulation's start [s].
+        """
+        if self.parameters.by != "mask":
+            return
+        times, new = state.memory[TIMES], self._masked_times(state)
+        changed = (new != times) & (state.memory[GONE] == 0)
+        late = np.maximum(new, np.float32(now))
+        state.memory[TIMES] = np.where(changed, np.where(new <= now, late, new), times)
 
     def is_due(self, state: State, *, now: float) -> bool:
         """Return whether `release` would detach any splat."""
@@ -147,6 +204,7 @@ class Dissolve:
         """
         back = from_world(to_world)
         push = back @ particles.gravity + particles.drag * (back @ particles.wind)
+        flew = state.flags & FREE
         self.device.run(
             kernels.come,
             state.positions,
@@ -164,6 +222,9 @@ class Dissolve:
             PINNED,
             self.seed,
         )
+        if SPEEDS in state.memory:  # splats that have arrived move with their targets
+            there = (flew & ~state.flags) != 0
+            state.velocities[there] = state.memory[SPEEDS][there]
 
     def fades(self, state: State, *, now: float) -> tuple[F32, F32]:
         """Return the factors of opacity and size, each of shape (n,).
@@ -172,11 +233,16 @@ class Dissolve:
         assemble).
         """
         times = state.memory[TIMES]
-        p = self.parameters
+        p, longer, less = self.parameters, self.factor("fade"), self.factor("shrink")
         n = len(times)
         if p.fade <= 0:
             return np.ones(n, np.float32), np.ones(n, np.float32)
         away = times - np.float32(now) if self.is_assembling else np.float32(now) - times
-        part = np.clip(away / np.float32(p.fade), 0, 1)
+        if longer is None:
+            part = np.clip(away / np.float32(p.fade), 0, 1)
+        else:  # a splat whose time is 0 stays visible
+            spans = np.float32(p.fade) * longer
+            part = np.where(spans > 0, np.clip(away / np.where(spans > 0, spans, 1), 0, 1), 0)
         gone = part * part * (3 - 2 * part)
-        return 1 - gone, 1 - np.float32(p.shrink) * gone
+        shrink = np.float32(p.shrink) if less is None else np.float32(p.shrink) * less
+        return (1 - gone).astype(np.float32), (1 - shrink * gone).astype(np.float32)

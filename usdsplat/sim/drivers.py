@@ -52,6 +52,7 @@ def drive(
     crowding: F32,
     normals: F32,
     now: float,
+    factor: F32 | None = None,
 ) -> None:
     """Apply a driver to the splats of a frame.
 
@@ -66,6 +67,7 @@ def drive(
         normals: Normals of the splats as drawn, shape (n, 3); may be empty unless the output is
             displacement.
         now: Time since the simulation's start [s].
+        factor: Factor of the effect on each splat, shape (n,).
     """
     part = np.empty(len(state), np.float32)
     device.run(
@@ -83,6 +85,8 @@ def drive(
         _EASES[driver.ease],
         part,
     )
+    if factor is not None:
+        part *= factor
     if driver.output == "color":
         color = np.array(driver.color, np.float32)
         fade = np.float32(driver.sh_fade)

@@ -8,6 +8,7 @@ import numpy as np
 
 from usdsplat.core.cloud import F32, F64
 from usdsplat.core.errors import UsageError
+from usdsplat.core.progress import phase, steps
 from usdsplat.kernels.device import Device
 from usdsplat.kernels.sim.distance_field import spread
 from usdsplat.kernels.sim.solids import FIELD_COLUMNS
@@ -83,15 +84,16 @@ def bake_field(
     points = np.empty((nz * ny * nx, 3), np.float32)
     squared = np.empty(len(points), np.float32)
     slab = ny * nx
-    for k in range(nz):
+    for k in steps("distance field", nz):
         at = np.empty((ny, nx, 3), np.float32)
         at[..., 0], at[..., 1], at[..., 2] = axes[0], axes[1][:, None], axes[2][k]
         hits = tree.closest(at.reshape(-1, 3), within=BAND * size)
         points[k * slab : (k + 1) * slab] = hits.points
         squared[k * slab : (k + 1) * slab] = hits.squared
-    device.run(spread, low, np.float32(size), (nx, ny, nz), points, squared)
-    distances = np.sqrt(squared, out=squared).reshape(nz, ny, nx)
-    _sign(tree, axes, size, distances)
+    with phase("inside and outside", work=len(points)):
+        device.run(spread, low, np.float32(size), (nx, ny, nz), points, squared)
+        distances = np.sqrt(squared, out=squared).reshape(nz, ny, nx)
+        _sign(tree, axes, size, distances)
     return Field(low=low.astype(np.float64), voxel=size, distances=distances, box=box)
 
 

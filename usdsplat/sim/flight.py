@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -14,6 +15,9 @@ from usdsplat.kernels.sim.philox import NOISE
 from usdsplat.sim.parameters import ParticlesParameters
 from usdsplat.sim.state import ALIVE, FREE, PINNED, State
 from usdsplat.sim.timeline import Step
+
+MASKED = ("gravity", "wind", "turbulence", "drag")
+"""Parameters that may differ from splat to splat."""
 
 
 def from_world(to_world: F64) -> F64:
@@ -38,6 +42,7 @@ def fly(
     to_world: F64,
     air: F32 | None = None,
     max_speed: float = math.inf,
+    factors: Sequence[F32 | None] = (None,) * len(MASKED),
 ) -> None:
     """Advance flying splats by one substep: gravity, then drag towards the air, then motion.
 
@@ -51,6 +56,7 @@ def fly(
         to_world: From the simulation's space to the stage's, shape (4, 4).
         air: Wind of affectors in the simulation's space [unit/s], shape (n, 3).
         max_speed: [unit/s].
+        factors: Factors of the parameters of `MASKED`, each of shape (n,) or None.
 
     Raises:
         StageError: If `to_world` is singular.
@@ -72,7 +78,20 @@ def fly(
         1 / particles.turbulence_scale,
         step.now * particles.turbulence_speed,
         np.float32(math.exp(-particles.drag * step.dt)),
+        np.float32(particles.drag),
+        device.upload(_table(factors, len(state))),
         np.float32(step.dt),
         np.float32(max_speed),
         np.uint32((step.seed + NOISE * 0x9E3779B9) & 0xFFFFFFFF),
     )
+
+
+def _table(factors: Sequence[F32 | None], count: int) -> F32:
+    """Return the factors of the parameters of `MASKED`, shape (n, 4); (0, 4) if all are 1."""
+    if all(each is None for each in factors):
+        return np.empty((0, len(MASKED)), np.float32)
+    table = np.ones((count, len(MASKED)), np.float32)
+    for column, each in enumerate(factors):
+        if each is not None:
+            table[:, column] = each
+    return table

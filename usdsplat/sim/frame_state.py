@@ -10,6 +10,7 @@ import numpy as np
 from usdsplat.core.cloud import F32, SplatCloud
 from usdsplat.kernels.device import Device
 from usdsplat.sim.drivers import drive
+from usdsplat.sim.masks import Masks
 from usdsplat.sim.specs import Driver, Moment
 from usdsplat.sim.state import Frame, State
 from usdsplat.sim.strain import Strain
@@ -32,10 +33,11 @@ class FrameEvaluator:
     Args:
         device: Runs the kernels.
         strain: Estimates the deformation around pushed splats; None if none are pushed.
+        masks: The masks of the field.
     """
 
-    def __init__(self, device: Device, strain: Strain | None) -> None:
-        self._device, self._strain = device, strain
+    def __init__(self, device: Device, strain: Strain | None, masks: Masks) -> None:
+        self._device, self._strain, self._masks = device, strain, masks
 
     def frame(
         self,
@@ -79,7 +81,9 @@ class FrameEvaluator:
             drawn = replace(drawn, scales=state.scales.copy())
         facing = turned(normals, gradient) if moment.drivers else normals
         for driver in moment.drivers:
-            drawn = self._drive(state, drawn, driver, facing, crowding, seconds)
+            amount = f"driver:{driver.name}:amount"
+            part = self._masks.factor(state, moment, amount, driver.parameters)
+            drawn = self._drive(state, drawn, driver, facing, crowding, part, seconds)
         state.opacities = drawn.opacities.copy()
         return Frame(time=moment.time, cloud=drawn, uv=state.uv.copy(), births=state.births.copy())
 
@@ -94,6 +98,7 @@ class FrameEvaluator:
             state.rotations,
             state.scales,
             appearance,
+            factor=self._masks.factor(state, moment, "appearance:maxStretch"),
         )
         if TURNED not in state.memory:
             state.memory[TURNED] = np.zeros(len(state), np.uint8)
@@ -125,6 +130,7 @@ class FrameEvaluator:
         driver: Driver,
         normals: F32,
         crowding: F32,
+        factor: F32 | None,
         seconds: float,
     ) -> SplatCloud:
         """Apply one driver, on arrays that belong to the frame."""
@@ -138,6 +144,7 @@ class FrameEvaluator:
             crowding=crowding,
             normals=normals,
             now=seconds,
+            factor=factor,
         )
         return drawn
 

@@ -1,8 +1,9 @@
-"""Effects of affectors on each splat, except collisions: mask, seed, feed, wind, growth,
+"""Effects of affectors on each splat, except collisions and masks: seed, feed, wind, growth,
 opacity."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -19,8 +20,6 @@ class Influence:
     """Combined effect of all affectors at one time, per splat; None where no affector has the
     role."""
 
-    mask: F32 | None = None
-    """Selection, 0 to 1, shape (n,)."""
     seed: F32 | None = None
     """Strength with which the pattern is seeded, 0 to 1, shape (n,)."""
     wind: F32 | None = None
@@ -45,24 +44,34 @@ class Influences:
         self._device = device
         self._fields: dict[str, Fields] = {}
 
-    def at(self, affectors: tuple[Affector, ...], positions: F32) -> Influence:
+    def at(
+        self,
+        affectors: tuple[Affector, ...],
+        positions: F32,
+        masked: Callable[[Affector], F32 | None] = lambda affector: None,
+    ) -> Influence:
         """Evaluate affectors at points.
 
-        Masks and seeds combine by maximum, feeds and winds by sum, factors by product.
+        Seeds combine by maximum, feeds and winds by sum, factors by product.
 
         Args:
-            affectors: All of one moment; those that collide or are disabled are skipped.
+            affectors: All of one moment; those that collide, make masks or are disabled are
+                skipped.
             positions: [unit], shape (n, 3).
+            masked: Returns the factor of an affector's effect at the points, shape (n,); None
+                where it has no mask.
         """
         found: dict[str, F32] = {}
         for each in affectors:
             role, amount = each.parameters.role, np.float32(each.parameters.amount)
-            if role == "collide" or not each.parameters.enabled:
+            if role in ("collide", "mask", "region") or not each.parameters.enabled:
                 continue
             meshes = self._fields.setdefault(each.path, Fields(self._device))
             weight = falloff(self._device, each, positions, fields=meshes)
+            part_of = masked(each)
+            weight = weight if part_of is None else weight * part_of
             before = found.get(role)
-            if role in ("mask", "seed"):
+            if role == "seed":
                 part = np.clip(amount * weight, 0, 1)
                 found[role] = part if before is None else np.maximum(before, part)
             elif role in ("growth", "opacity"):

@@ -10,6 +10,7 @@ from usdsplat.core.cloud import F32, I32, SplatCloud
 from usdsplat.core.sh import dc_to_rgb
 from usdsplat.kernels.device import Device
 from usdsplat.sim.carriers import Binding, Carriers
+from usdsplat.sim.masks import Masks
 from usdsplat.sim.matter import Matter
 from usdsplat.sim.neighbors import nearest
 from usdsplat.sim.specs import Moment, Recipe, SkinBinding
@@ -58,13 +59,15 @@ class CarrierRecipe:
         return self.of(self._recipe.at(time))
 
     def of(self, moment: Moment) -> Moment:
-        """Return values of the field for its carriers. A target of conform is left out: splats move
-        onto it by themselves."""
-        masked = tuple(
-            each if each.mask is None else replace(each, mask=each.mask[self._rows])
-            for each in moment.deformers
-        )
-        return replace(moment, deformers=masked, target=None, becomes=None)
+        """Return values of the field for the poses of its carriers. A target of conform is left
+        out: splats move onto it by themselves."""
+        masks = {
+            name: each if each.primvar is None else replace(each, primvar=each.primvar[self._rows])
+            for name, each in moment.masks.items()
+        }
+        of_poses = ("deform:", "skin:")
+        masked = {knob: n for knob, n in moment.masked.items() if knob.startswith(of_poses)}
+        return replace(moment, masks=masks, masked=masked, affectors=(), target=None, becomes=None)
 
 
 class MatterField:
@@ -81,11 +84,11 @@ class MatterField:
         self._device = device
         rows = nearest(device, recipe.rest.positions, carriers.positions, 1)[0][:, 0]
         self._recipe = CarrierRecipe(recipe, carriers, rows)
-        self._pose = TargetPose(device, self._recipe, self._recipe.of(first))
+        self._masks = Masks(device, is_fixed=True)
+        self._pose = TargetPose(device, self._recipe, self._recipe.of(first), self._masks)
         colors = carrier_colors(device, recipe.rest, carriers)
         self.matter = Matter(device, carriers, self._recipe.selection, colors, first)
         """The carriers as particles."""
-        self._pose.begin(self.matter.particles, self._recipe.of(first), changes=False)
 
     def bound(self, binding: Binding) -> Binding:
         """Return the carriers that splats follow: those of the same rigid piece, if there are
@@ -166,7 +169,9 @@ class MatterField:
 
     def _poses(self, moment: Moment, seconds: float) -> F32:
         """Return the target positions of the carriers [unit], shape (c, 3)."""
-        return self._pose.at(self.matter.particles, self._recipe.of(moment), seconds)[0]
+        particles, own = self.matter.particles, self._recipe.of(moment)
+        self._masks.update(particles, own, seconds)
+        return self._pose.at(particles, own, seconds)[0]
 
 
 def carrier_colors(device: Device, cloud: SplatCloud, carriers: Carriers) -> F32:

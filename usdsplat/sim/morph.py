@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from usdsplat.core.cloud import F32, I64, SplatCloud
+from usdsplat.core.progress import phase
 from usdsplat.kernels.device import Device
 from usdsplat.sim.carriers import Carriers
 from usdsplat.sim.carrying import Carrying
@@ -158,10 +159,11 @@ class Morph(TransportConform):
         parameters: ConformParameters,
         positions: F32,
         gradient: F32 | None = None,
+        factor: F32 | None = None,
     ) -> None:
         """Move the splats of both captures, see `TransportConform.apply`. The target is not
         used."""
-        super().apply(self._frames, now, parameters, positions, gradient)
+        super().apply(self._frames, now, parameters, positions, gradient, factor)
 
     def opacity(self) -> F32 | None:
         """Return factors of the opacities at the time of the last `apply`, shape (n,)."""
@@ -180,9 +182,9 @@ class Morph(TransportConform):
         mixed[:, 0] += part[:, None] * self._tints
         return mixed
 
-    def _progress(self, now: float, parameters: ConformParameters) -> F32:
+    def _progress(self, now: float, parameters: ConformParameters, factor: F32 | None) -> F32:
         """Return the way that splats are from their places at rest."""
-        way = super()._progress(now, parameters)
+        way = super()._progress(now, parameters, factor)
         self._way = way
         return np.where(self._natives, 1 - way, way)
 
@@ -195,7 +197,8 @@ class Morph(TransportConform):
         others = Carriers.of(device, cloud, seed=self._parameters.sim.seed, most=most)
         goal = self._thinned(outer_sheet(device, others, cloud))
         ground = self._ground(mesh, 0, goal)
-        found = match(device, sheet, ground.goal)
+        with phase("transport", work=len(sheet)):
+            found = match(device, sheet, ground.goal)
         carrying = Carrying.along(device, found, ground, rest)
         inverse = TransportMap(
             source=Sheet.of(device, found.images, found.ups),

@@ -11,6 +11,7 @@ import numpy as np
 from usdsplat.core.cloud import F32, I32, SplatCloud
 from usdsplat.core.errors import StageError
 from usdsplat.core.findings import Finding, finding
+from usdsplat.core.progress import phase
 from usdsplat.kernels.device import Device
 from usdsplat.sim import support as supports
 from usdsplat.sim.carriers import Binding, Carriers
@@ -82,7 +83,8 @@ class Pattern:
         pattern."""
         p = first.parameters
         if self._needs_graph:
-            self._measure_rest(state, first)
+            with phase("neighbours and normals", work=len(state)):
+                self._measure_rest(state, first)
         elif self._uses.collides:  # pushed sheets need normals of any sign
             state.memory[NORMALS] = axes(self._device, state.rest_rotations, state.rest_scales)
         found = np.zeros(len(_AUTOMATIC))  # 0 for automatic parameters that are unused
@@ -152,15 +154,16 @@ class Pattern:
             usual_support=self.usual_support,
         )
 
-    def sizes(self, state: State, moment: Moment) -> F32 | None:
+    def sizes(self, state: State, moment: Moment, masked: F32 | None = None) -> F32 | None:
         """Return the factor of each splat's size as spacing grows, shape (n,); None if all
-        are 1."""
+        are 1. `masked` is the factor of `growth:sizeFollow`, shape (n,)."""
         follow = moment.parameters.growth.size_follow
         if not follow or REST_SUPPORT not in state.memory:
             return None
         before = state.memory[REST_SUPPORT]
         ratio = np.where(before > 0, state.support / np.where(before > 0, before, 1), 1)
-        return np.power(ratio, np.float32(follow)).astype(np.float32)
+        exponent = np.float32(follow) if masked is None else np.float32(follow) * masked
+        return np.power(ratio, exponent).astype(np.float32)
 
     def resolved(self, state: State) -> dict[str, float]:
         """Return the values that automatic parameters took at the beginning."""
@@ -181,8 +184,25 @@ class Pattern:
 
     # --- a frame --------------------------------------------------------------------------
 
-    def react(self, state: State, moment: Moment, influence: Influence, now: float) -> None:
-        """Take the reaction steps of a frame; `now` is the time since the start [s]."""
+    def react(
+        self,
+        state: State,
+        moment: Moment,
+        influence: Influence,
+        now: float,
+        *,
+        feed_factor: F32 | None = None,
+        kill_factor: F32 | None = None,
+    ) -> None:
+        """Take the reaction steps of a frame.
+
+        Args:
+            state: The splats.
+            moment: Values of the stage.
+            influence: Effects of affectors.
+            now: Time since the start [s].
+            feed_factor, kill_factor: Factors of the rates at the splats, shape (n,).
+        """
         reaction = self._current_reaction(state, moment)
         reaction.adopt(reaction_of(moment.parameters))
         if reaction.subdivisions > MOST_PARTS:
@@ -197,7 +217,9 @@ class Pattern:
         if seed is not None:
             uv = uv.copy()
             plant(self._device, uv, seed)
-        self._store(state, reaction.step(uv, feed_offset=feed))
+        feeds, kills = (self._at_carriers(state, each) for each in (feed_factor, kill_factor))
+        after = reaction.step(uv, feed_offset=feed, feed_factor=feeds, kill_factor=kills)
+        self._store(state, after)
 
     def update_density(self, state: State, moment: Moment) -> None:
         """Count neighbours, and adapt the radii to the density."""

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from usdsplat.core.cloud import F32, I32, I64
+from usdsplat.core.knobs import knobs
 from usdsplat.kernels.device import Device
 from usdsplat.kernels.sim import laplacian as weights
 from usdsplat.kernels.sim import reaction as kernels
@@ -20,6 +21,13 @@ FINEST = 0.8
 
 LARGEST_V = 0.6
 """Largest v for which the step length is stable; the reaction stays below it."""
+
+FEEDS, KILLS = (
+    tuple(np.array(each.range, np.float32))
+    for each in knobs(RdParameters)
+    if each.name in ("feed", "kill")
+)
+"""Limits of the rates."""
 
 COUNTS = {2: 4.0, 3: 105 / 16}
 """Dimension -> factor by which the sum of the kernel K gives the number of neighbours at
@@ -93,6 +101,8 @@ class Reaction:
         count: int | None = None,
         *,
         feed_offset: F32 | None = None,
+        feed_factor: F32 | None = None,
+        kill_factor: F32 | None = None,
     ) -> F32:
         """Return u and v after `count` reaction steps, by default those of a frame.
 
@@ -100,6 +110,8 @@ class Reaction:
             uv: Shape (n, 2); not changed.
             count: Number of steps of `d_tau`.
             feed_offset: Offset of the feed rate, which is then clamped to 0..0.1, shape (n,).
+            feed_factor, kill_factor: Factors of the rates, shape (n,), which are then clamped to
+                the parameters' ranges; that of the feed rate precedes its offset.
         """
         rd, graph, device = self.parameters, self.graph, self._device
         feed, kill = rates(rd)
@@ -108,8 +120,8 @@ class Reaction:
         area = self.scale**2
         now = device.move(uv[graph.order].reshape(-1))
         then = device.resident(2 * len(uv), np.float32)
-        feeds = device.move(self._feeds(feed, feed_offset))
-        kills = device.move(np.array([kill], np.float32))
+        feeds = device.move(self._feeds(feed, feed_offset, feed_factor))
+        kills = device.move(self._by_slot(kill, kill_factor, KILLS))
         for _ in range((rd.substeps if count is None else count) * parts):
             device.run(
                 kernels.gray_scott, *self.weights, now, feeds, kills,
@@ -120,11 +132,18 @@ class Reaction:
         after[graph.order] = device.fetch(now).reshape(-1, 2)
         return after
 
-    def _feeds(self, feed: float, offset: F32 | None) -> F32:
+    def _feeds(self, feed: float, offset: F32 | None, factor: F32 | None) -> F32:
         """Return the feed rate, one number or by slot."""
+        feeds = self._by_slot(feed, factor, FEEDS)
         if offset is None:
-            return np.array([feed], np.float32)
-        return np.clip(np.float32(feed) + offset[self.graph.order], 0, np.float32(0.1))
+            return feeds
+        return np.clip(feeds + offset[self.graph.order], *FEEDS)
+
+    def _by_slot(self, rate: float, factor: F32 | None, limits: tuple[F32, F32]) -> F32:
+        """Return a rate, one number or by slot."""
+        if factor is None:
+            return np.array([rate], np.float32)
+        return np.clip(np.float32(rate) * factor[self.graph.order], *limits)
 
     def _weigh(self) -> None:
         """Compute the weights of all neighbours, their largest sum, and the mean spacing."""

@@ -8,6 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 from usdsplat.core.cloud import F32
+from usdsplat.core.progress import steps
 from usdsplat.kernels.device import Device
 from usdsplat.kernels.sim import relax as kernels
 from usdsplat.sim import support as radii
@@ -52,7 +53,7 @@ def relax(
     support = radii.fitted(neighbors, positions, dimension)
     if surface is not None:
         positions, normals = surface(positions)
-    for _ in range(iterations):
+    for _ in steps("even spacing", iterations):
         graph = neighbors.update(positions, support)
         if dimension == 3:
             normals = np.zeros_like(positions)

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from usdsplat.core.knobs import Knob, knobs
-from usdsplat.sim.parameters import GROUPS, INSTANCED, NAMESPACE, camel
+from usdsplat.sim.parameters import GROUPS, INSTANCED, NAMESPACE, binding_of, camel
 
 TARGET = Path(__file__).resolve().parents[1] / "schema" / "simulation.usda"
 
@@ -137,6 +137,20 @@ MULTIPLE = (
         doc="A named driver: controls an output by a value of the simulation.",
         groups=("driver",),
     ),
+    SchemaClass(
+        name="SplatSimMaskAPI",
+        doc="A named mask: a number for each splat. It multiplies the parameters whose attribute "
+        "'mask' names it, such as splatSim:growth:rate:mask.",
+        groups=("mask",),
+        relationships=(
+            ("region", "Affectors of source affector, or curves of source curves."),
+            (
+                "frame",
+                "Prim in whose space noise, axis, texture and volume lie; without it, the field's "
+                "own space. The camera of projection camera.",
+            ),
+        ),
+    ),
 )
 
 _HEADER = '''#usda 1.0
@@ -230,7 +244,10 @@ def _body(each: SchemaClass, namespace: str) -> str:
     lines = []
     for group in each.groups:
         lead = f"{namespace}{group}:" if namespace else ""
-        lines += [_attribute(lead, item) for item in knobs({**GROUPS, **INSTANCED}[group])]
+        for item in knobs({**GROUPS, **INSTANCED}[group]):
+            lines.append(_attribute(lead, item))
+            if item.takes_mask:
+                lines.append(_attribute(lead, binding_of(item)))
     for name, doc in each.relationships:
         lines.append(f"    rel {namespace}{name} (\n        {_doc(doc, 8)}\n    )\n")
     return "{\n" + "".join(lines) + "}\n"
@@ -240,7 +257,7 @@ def _attribute(lead: str, item: Knob) -> str:
     """Return the declaration of one knob."""
     uniform = "uniform " if item.uniform else ""
     name = f"{lead}{camel(item.name)}"
-    line = f"    {uniform}{usd_type(item)} {name} = {_literal(item.default)} (\n"
+    line = f"    {uniform}{usd_type(item)} {name} = {_literal(item.default, usd_type(item))} (\n"
     lines = [line if len(line) <= 100 else line.replace(" = [", " = [\n        ")]
     if item.choices is not None:
         tokens = ", ".join(f'"{choice}"' for choice in item.choices)
@@ -260,8 +277,10 @@ def _folded(text: str) -> Iterator[str]:
         yield line if number == 0 else f"    {line}"
 
 
-def _literal(value: Any) -> str:
+def _literal(value: Any, type_name: str = "") -> str:
     """Return a value as a USD text file spells it."""
+    if type_name == "asset":
+        return f"@{value}@"
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, (int, float)):

@@ -27,6 +27,7 @@ def settle_back(
     dt: float,
     *,
     max_speed: float = math.inf,
+    factor: F32 | None = None,
 ) -> None:
     """Advance `positions` and `velocities` of a state by one substep, and `memory[SINCE]` and,
     where targets move, `memory[SPEEDS]`. If the latter is missing, the targets are assumed to have
@@ -41,6 +42,7 @@ def settle_back(
             (n, 3); the same array where they never move.
         dt: Duration [s], above 0.
         max_speed: [unit/s].
+        factor: Factor of omega for each splat, shape (n,).
     """
     if before is not after and SPEEDS not in state.memory:
         state.memory[SPEEDS] = (after - before) / np.float32(dt)
@@ -54,7 +56,7 @@ def settle_back(
         after,
         NOBODY if before is after else state.memory[SPEEDS],
         state.flags,
-        state.weight,
+        state.weight if factor is None else state.weight * factor,
         state.positions,
         state.velocities,
         contact_times(state),

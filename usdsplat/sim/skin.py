@@ -11,6 +11,7 @@ import numpy.typing as npt
 from usdsplat.core import quaternion
 from usdsplat.core.cloud import F32, F64, I32
 from usdsplat.core.errors import StageError
+from usdsplat.core.progress import phase
 from usdsplat.kernels.device import Device
 from usdsplat.kernels.sim.skin import (
     DUAL,
@@ -53,7 +54,8 @@ class Skin:
         if binding.surface is not None:
             turn, shift = binding.bind[:3, :3], binding.bind[:3, 3]
             bound = (rest.astype(np.float64) @ turn.T + shift).astype(np.float32)
-            hits = Triangles(device, binding.surface).closest(bound)
+            with phase("binding to the mesh", work=len(rest)):
+                hits = Triangles(device, binding.surface).closest(bound)
             self._joints, self._weights = hits.faces, hits.weights
             if not self._by_triangles:
                 self._take_weights(binding.surface)
@@ -113,6 +115,7 @@ class Skin:
         parameters: SkinParameters,
         positions: F32,
         gradient: F32 | None = None,
+        factor: F32 | None = None,
     ) -> None:
         """Move splats with the pose of the skeleton.
 
@@ -121,12 +124,16 @@ class Skin:
             parameters: Parameters now; `binding` must be that of the beginning.
             positions: [unit], shape (n, 3), changed in place.
             gradient: Gradient of the deformation so far, shape (n, 3, 3), multiplied in place.
+            factor: Factor of the weight of each splat, shape (n,).
 
         Raises:
             StageError: If the pose lacks a joint, or the mesh that splats follow.
         """
         slopes = NO_GRADIENT if gradient is None else gradient
-        common = positions, slopes, self._joints, self._weights, float(parameters.weight)
+        amounts = np.array([parameters.weight])
+        if factor is not None:
+            amounts = parameters.weight * factor.astype(np.float64)
+        common = positions, slopes, self._joints, self._weights, amounts
         if self._by_triangles:
             self._follow(pose, common)
             return

@@ -9,7 +9,7 @@ of steps: times are computed from it and never accumulated.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -20,22 +20,16 @@ from usdsplat.core.errors import StageError
 from usdsplat.core.findings import Finding
 from usdsplat.kernels.device import Device
 from usdsplat.sim import population, styles
-from usdsplat.sim.accretion import Accretion
-from usdsplat.sim.carriers import carriers_of
-from usdsplat.sim.contact import Contacts
 from usdsplat.sim.dissolve import Dissolve
-from usdsplat.sim.flight import fly
-from usdsplat.sim.frame_state import Fades, FrameEvaluator, turned
-from usdsplat.sim.influence import Influence, Influences
-from usdsplat.sim.matter_field import MatterField
-from usdsplat.sim.neighbors import nearest
-from usdsplat.sim.pattern import UV, Pattern
+from usdsplat.sim.flight import MASKED, fly
+from usdsplat.sim.frame_state import Fades
+from usdsplat.sim.influence import Influence
+from usdsplat.sim.parts import Parts
 from usdsplat.sim.settle import SPEEDS, settle_back
 from usdsplat.sim.specs import Moment, Recipe
-from usdsplat.sim.state import FREE, PINNED, Frame, State
-from usdsplat.sim.strain import Strain
-from usdsplat.sim.target_pose import TargetPose
+from usdsplat.sim.state import FREE, Frame, State
 from usdsplat.sim.timeline import Step, Timeline
+from usdsplat.sim.turnover import accrete, breed, join
 from usdsplat.sim.uses import Uses
 
 Lap = Callable[[str], None]
@@ -86,25 +80,9 @@ class Solver:
         if state is None and parents is not None:
             self.state.parents = parents
         self._is_fixed = not (uses.grows or uses.varies)
-        carriers = carriers_of(device, recipe, uses, first)
-        self._target_pose = TargetPose(device, recipe, first, carriers)
-        self._pattern = Pattern(device, rest, uses, first, carriers)
-        self._accretion: Accretion | None = None
-        if uses.accretes and carriers is not None:
-            origin = nearest(device, rest.positions, carriers.positions, 1)[0][:, 0]
-            own = np.arange(len(rest)) if rest.ids is None else rest.ids
-            weight = (
-                np.ones(len(rest), np.float32) if recipe.selection is None else recipe.selection
-            )
-            self._accretion = Accretion(device, carriers, origin, own, weight, first)
-        self._matter: MatterField | None = None
-        if uses.coheres and carriers is not None:
-            self._matter = MatterField(device, recipe, carriers, first)
-        self._contacts = Contacts(device)
-        self._influences = Influences(device)
-        measures = uses.collides and not uses.coheres
-        strain = Strain(device, is_fixed=self._is_fixed) if measures else None
-        self._evaluator = FrameEvaluator(device, strain)
+        self._parts = parts = Parts.of(device, recipe, uses, first)
+        self._masks, self._target_pose = parts.masks, parts.target_pose
+        self._pattern, self._matter = parts.pattern, parts.matter
         self.trapped = 0
         """Largest number of splats that one step could not move out of the affectors."""
         self._last_on = -1
@@ -112,22 +90,14 @@ class Solver:
         self._moment = first
         """Values of the stage at that step, or at the first frame."""
         if state is None:
-            if carriers is not None:
-                bound = carriers.bind(device, self.state.rest_positions)
-                if self._matter is not None:
-                    bound = self._matter.bound(bound)
-                bound.keep(self.state)
-            if self._accretion is not None:
-                self._accretion.begin(self.state)
-            self._target_pose.begin(self.state, first, changes=uses.varies)
-            self._pattern.begin(self.state, first)
+            parts.begin(device, self.state, first)
         else:
-            self._target_pose.restore(state)
-            self._pattern.restore(state)
-            if self._matter is not None:
-                self._matter.restore(state)
+            parts.restore(state)
         if uses.dissolves:
-            Dissolve.of(device, self.state, first.parameters.dissolve, seed=self._seed)
+            Dissolve.of(
+                device, self.state, first.parameters.dissolve, seed=self._seed,
+                factor=lambda knob: self._factor(first, f"dissolve:{knob}"),
+            )  # fmt: skip
         self._targets = self.state.rest_positions
         self._influence = Influence()
         if state is None:
@@ -177,7 +147,7 @@ class Solver:
         wanted, gradient = self._target_pose.at(state, moment, self.seconds, gradient=True)
         if self._matter is not None:
             wanted, gradient = self._matter.carried(state, moment, wanted, gradient)
-        frame = self._evaluator.frame(
+        frame = self._parts.evaluator.frame(
             state,
             self._target_pose.stretched(moment),
             wanted,
@@ -196,10 +166,7 @@ class Solver:
 
     def checkpoint(self) -> State:
         """Return the state with everything needed to continue from it, bit for bit."""
-        self._target_pose.remember(self.state)
-        self._pattern.remember(self.state)
-        if self._matter is not None:
-            self._matter.remember(self.state)
+        self._parts.remember(self.state)
         if self.has_begun:
             self.state.globals[SEEN] = np.array(self._last_on)
         return self.state
@@ -226,13 +193,15 @@ class Solver:
         """Put splats at their target positions, outside of all affectors."""
         state = self.state
         self._moment, self._last_on = moment, state.step
+        self._masks.update(state, moment, self.seconds)
         self._targets = self._target_pose.at(state, moment, self.seconds)[0]
         state.positions = self._targets.copy()
+        self._masks.update(state, moment, self.seconds)  # those at current positions
         if self._matter is not None:
             self._matter.begin(moment, self.seconds)
         if self._uses.deforms:
             state.memory[SPEEDS] = np.zeros_like(state.positions)
-        self._influence = self._influences.at(moment.affectors, state.positions)
+        self._influence = self._influence_of(moment)
         self._place(moment, self.seconds)
         self._lap("beginning")
         self._contact(state.positions.copy(), moment, moment)
@@ -259,13 +228,17 @@ class Solver:
         sim, step = after.parameters.sim, Step(self.seconds, self._dt, self._seed)
         now, dt = step.now, step.dt
         started = state.positions.copy()
+        self._masks.update(state, after, now)
+        self._lap("masks")
         wanted = self._target_pose.at(state, after, now)[0]
         self._lap("goal")
-        self._influence = influence = self._influences.at(after.affectors, state.positions)
+        self._influence = influence = self._influence_of(after)
         dissolve = self._dissolving(after)
         assembles = self._uses.dissolves and after.parameters.dissolve.mode == "assemble"
-        if dissolve is not None and not assembles and dissolve.is_due(state, now=now):
-            dissolve.release(state, self._target_normals(after), now=now)
+        if dissolve is not None and not assembles:
+            dissolve.follow(state, now=now)
+            if dissolve.is_due(state, now=now):
+                dissolve.release(state, self._parts.normals(state, after, now), now=now)
         if self._matter is not None:
             self._matter.advance(before, after, step)
             if line.is_frame(state.step):
@@ -273,13 +246,14 @@ class Solver:
         elif assembles or not after.parameters.particles.enabled:
             settle_back(
                 self._device, state, self._targets, wanted, after.parameters.settle, dt,
-                max_speed=sim.max_speed,
+                max_speed=sim.max_speed, factor=self._factor(after, "settle:omega"),
             )  # fmt: skip
         self._lap("settle")
         if self._uses.flies and not assembles:
             fly(
                 self._device, state, after.parameters.particles, step, to_world=after.to_world,
                 air=influence.wind, max_speed=sim.max_speed,
+                factors=[self._factor(after, f"particles:{knob}") for knob in MASKED],
             )  # fmt: skip
             self._lap("flight")
         self._targets = wanted
@@ -294,11 +268,10 @@ class Solver:
 
     def _join(self, moment: Moment, now: float) -> None:
         """Let the splats of another capture join, when they begin to appear."""
-        cloud, state, n = self._target_pose.joining(moment, now), self.state, len(self.state)
-        if cloud is None:
+        state, n = self.state, len(self.state)
+        if not join(self._parts, state, moment, now):
             return
-        population.join(state, cloud, now=now)
-        self._target_pose.append_joined(len(cloud))
+        self._masks.update(state, self._moment, self.seconds)
         self._targets = self._target_pose.at(state, self._moment, self.seconds)[0]
         state.positions[n:] = self._targets[n:]
         self._lap("joining")
@@ -312,7 +285,12 @@ class Solver:
         reacts = moment.parameters.rd.enabled
         if is_first:
             if reacts:
-                self._pattern.react(state, moment, influence, step.now)
+                rates = styles.reaction_of(moment.parameters)
+                self._pattern.react(
+                    state, moment, influence, step.now,
+                    feed_factor=self._factor(moment, "rd:feed", rates),
+                    kill_factor=self._factor(moment, "rd:kill", rates),
+                )  # fmt: skip
             self._lap("reaction")
             if self._uses.needs_neighbors:
                 self._pattern.update_density(state, moment)
@@ -320,112 +298,74 @@ class Solver:
         if self._is_fixed:
             return started
         off = state.positions - self._targets
-        factor = _product(influence.growth, self._weight())
+        mask = self._factor(moment, "growth:rate")
+        factor = _product(influence.growth, _product(state.weight, mask))
         if reacts and growth.rate:
             population.grow(
                 self._device, state, growth, dt=step.dt, normals=self._pattern.normals(state),
                 rate_factor=factor,
             )  # fmt: skip
-        rows: list[I64] = []
-        if self._uses.has_births:
-            if is_first and reacts and self._accretion is not None:
-                rows += self._accrete(moment, step)
-            is_fertile = reacts and growth.birth_rate > 0
-            most = sim.max_count if is_fertile else 0
-            rows += self._change_population(moment, step, most, factor)
-        for source in rows:
-            off, started = off[source], started[source]
-            self._influence = self._influence.selected(source)
+        if self._uses.accretes and is_first and reacts:
+            for source in accrete(self._parts, state, moment, step):
+                off, started = self._selected(source, off, started)
+            self._lap("new matter")
+        if self._uses.breeds:
+            mask = self._factor(moment, "growth:birthRate")
+            rows = breed(
+                self._device, self._parts, state, moment, step,
+                maximum=sim.max_count if reacts and growth.birth_rate > 0 else 0,
+                rate_factor=_product(self._influence.growth, _product(state.weight, mask)),
+            )  # fmt: skip
+            for source in rows:
+                off, started = self._selected(source, off, started)
         self._targets = self._target_pose.at(state, moment, step.now)[0]
         flying = (state.flags & FREE) != 0
         state.positions = np.where(flying[:, None], state.positions, self._targets + off)
         self._lap("growth")
         return started
 
-    def _accrete(self, moment: Moment, step: Step) -> list[I64]:
-        """Add new matter, and shape all of it; return the source row of each row, if rows were
-        added."""
-        state, accretion = self.state, self._accretion
-        assert accretion is not None
-        knobs = styles.resolved(moment.parameters.accretion)
-        uv: F32 = state.globals[UV]
-        carriers, rows = accretion.due(state, uv, knobs, moment.parameters.sim.max_count)
-        changes: list[I64] = []
-        if len(rows):
-            changes.append(np.concatenate([np.arange(len(state)), rows]))
-            population.append(state, rows, now=step.now)
-            accretion.bind(state, carriers, knobs)
-            self._target_pose.append_children(rows, state)
-        accretion.shape(state, uv, knobs, step.now)
-        self._lap("new matter")
-        return changes
-
-    def _change_population(
-        self, moment: Moment, step: Step, maximum: int, factor: F32 | None
-    ) -> list[I64]:
-        """Apply births, then deaths; return the source row of each row, for each change."""
-        state, growth = self.state, moment.parameters.growth
-        changes: list[I64] = []
-        if not self._uses.breeds:
-            return changes
-        parents = population.births(
-            self._device, state, growth, step, self._pattern.neighborhood(state, moment),
-            maximum=maximum, rate_factor=factor,
-        )  # fmt: skip
-        if len(parents):
-            self._target_pose.append_children(parents, state)
-            changes.append(np.concatenate([np.arange(len(state) - len(parents)), parents]))
-        left = population.deaths(state, growth, now=step.now, dt=step.dt)
-        if left is not None:
-            self._target_pose.select(left)
-            changes.append(left)
-        return changes
+    def _selected(self, rows: I64, *arrays: F32) -> Iterator[F32]:
+        """Yield rows of arrays, and keep the effects of affectors at these rows."""
+        self._influence = self._influence.selected(rows)
+        return (array[rows] for array in arrays)
 
     def _dissolving(self, moment: Moment) -> Dissolve | None:
         """Return the active dissolve or assemble, or None."""
         knobs = moment.parameters.dissolve
-        is_on = self._uses.dissolves and knobs.enabled
-        return Dissolve(self._device, knobs, self._seed) if is_on else None
-
-    def _target_normals(self, moment: Moment) -> F32:
-        """Return the normals of splats in their target pose, shape (n, 3)."""
-        normals = self._pattern.normals(self.state)
-        if not self._uses.deforms or not moment.parameters.dissolve.speed:
-            return normals
-        _, gradient = self._target_pose.at(self.state, moment, self.seconds, gradient=True)
-        return turned(normals, gradient)
+        if not (self._uses.dissolves and knobs.enabled):
+            return None
+        return Dissolve(
+            self._device, knobs, self._seed,
+            lambda knob: self._factor(moment, f"dissolve:{knob}"),
+        )  # fmt: skip
 
     def _place(self, moment: Moment, now: float) -> None:
         """Place the splats that have not arrived yet."""
         dissolve = self._dissolving(moment)
         if dissolve is None or not dissolve.is_assembling:
             return
-        state = self.state
-        before = state.flags & FREE
         dissolve.place(
-            state, self._targets, self._target_normals(moment), moment.parameters.particles,
-            to_world=moment.to_world, now=now,
+            self.state, self._targets, self._parts.normals(self.state, moment, now),
+            moment.parameters.particles, to_world=moment.to_world, now=now,
         )  # fmt: skip
-        if SPEEDS in state.memory:  # splats that have arrived move with their targets
-            there = (before & ~state.flags) != 0
-            state.velocities[there] = state.memory[SPEEDS][there]
 
     def _contact(self, started: F32, before: Moment, after: Moment) -> None:
         """Move selected splats out of the affectors."""
         if not self._uses.collides:
             return
         state = self.state
-        spared = np.flatnonzero((self._weight() <= 0) & (state.flags & PINNED == 0))
-        state.flags[spared] |= PINNED
-        counts = self._contacts.step(state, started, before.affectors, after.affectors, self._dt)
+        weight = state.weight * np.float32(after.parameters.sim.contact)
+        if (mask := self._factor(after, "sim:contact")) is not None:
+            weight = weight * mask
+        counts = self._parts.contacts.step(
+            state, started, before.affectors, after.affectors, self._dt, weight=weight
+        )
         self.trapped = max(self.trapped, counts.trapped)
-        state.flags[spared] &= ~PINNED
         self._lap("contact")
 
     def _fades(self, moment: Moment) -> Fades:
         """Return the factors of opacity and of size at a time."""
-        dimming = tuple(each for each in moment.affectors if each.parameters.role == "opacity")
-        alpha = self._influences.at(dimming, self.state.positions).opacity
+        alpha = self._influence_of(moment, "opacity").opacity
         alpha = _product(alpha, self._target_pose.opacity)
         size: F32 | None = None
         if self._uses.has_births:
@@ -435,12 +375,21 @@ class Solver:
         if dissolve is not None:
             alphas, sizes = dissolve.fades(self.state, now=self.seconds)
             alpha, size = _product(alpha, alphas), _product(size, sizes)
-        return Fades(alpha, _product(size, self._pattern.sizes(self.state, moment)))
+        masked = self._factor(moment, "growth:sizeFollow")
+        return Fades(alpha, _product(size, self._pattern.sizes(self.state, moment, masked)))
 
-    def _weight(self) -> F32:
-        """Return the selection weight of each splat now, shape (n,)."""
-        mask = self._influence.mask
-        return self.state.weight if mask is None else self.state.weight * mask
+    def _factor(self, moment: Moment, knob: str, of: object = None) -> F32 | None:
+        """Return the factor of a masked parameter, see `Masks.factor`."""
+        return self._masks.factor(self.state, moment, knob, of)
+
+    def _influence_of(self, moment: Moment, *roles: str) -> Influence:
+        """Return the effects of affectors at the splats, of some roles or all."""
+        chosen = [each for each in moment.affectors if not roles or each.parameters.role in roles]
+        return self._parts.influences.at(
+            tuple(chosen),
+            self.state.positions,
+            lambda each: self._factor(moment, f"{each.path}.affector:amount", each.parameters),
+        )
 
 
 def _product(first: F32 | None, second: F32 | None) -> F32 | None:

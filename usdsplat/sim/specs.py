@@ -6,7 +6,8 @@ at the first frame (world). Matrices are for column vectors, float64, shape (4, 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Literal, Protocol
 
 from usdsplat.core.cloud import F32, F64, I32, SplatCloud
@@ -14,6 +15,7 @@ from usdsplat.sim.parameters import (
     AffectorParameters,
     DeformParameters,
     DriverParameters,
+    MaskParameters,
     Parameters,
 )
 
@@ -68,7 +70,7 @@ class Deformer:
     frame: F64
     """From the deformer's space to the simulation's."""
     mask: F32 | None = None
-    """Primvar that multiplies the deformation, shape (n,)."""
+    """Factor of the weight, for each splat of the state, shape (n,); the solver sets it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -77,6 +79,49 @@ class Driver:
 
     name: str
     parameters: DriverParameters
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Picture:
+    """A texture that is projected onto splats."""
+
+    pixels: F32
+    """One channel, the top row first, shape (h, w)."""
+    to_clip: F64 | None = None
+    """From the simulation's space to the clip space of a camera, shape (4, 4); None for other
+    projections."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class LevelSet:
+    """Signed distances from a surface on a grid, negative inside."""
+
+    voxels: F32
+    """Distances [voxel], shape (nz, ny, nx), at least 2 along each axis."""
+    band: float
+    """Distance up to which they are those of a file [voxel]; elsewhere they are this far, with the
+    sign of their side."""
+    to_grid: F64
+    """From the mask's frame to voxels, uniform, shape (4, 4)."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Mask:
+    """An instance of SplatSimMaskAPI at one time. The same object at another time has the same
+    values."""
+
+    name: str
+    parameters: MaskParameters
+    frame: F64
+    """From the mask's space to the simulation's."""
+    primvar: F32 | None = None
+    """Values of the capture's splats, shape (n,), of source primvar."""
+    regions: tuple[Affector, ...] = ()
+    """Affectors of source affector; their roles do not matter."""
+    picture: Picture | None = None
+    level_set: LevelSet | None = None
+    curves: Surface | None = None
+    """Curves as triangles without area, one for each segment."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -133,6 +178,11 @@ class Moment:
     drivers: tuple[Driver, ...] = ()
     """Ordered by name."""
     skin: SkinPose | None = None
+    masks: Mapping[str, Mask] = field(default_factory=dict)
+    """Masks by name."""
+    masked: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    """Parameter -> names of the masks that multiply it, such as "growth:rate",
+    "deform:bend:weight" or "/World/Wind.affector:amount"."""
 
 
 class Recipe(Protocol):

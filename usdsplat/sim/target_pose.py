@@ -11,19 +11,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from usdsplat.core.cloud import F32, I32, I64, SplatCloud
+from usdsplat.core.cloud import F32, I64, SplatCloud
 from usdsplat.kernels.device import Device
 from usdsplat.sim.carriers import Carriers
 from usdsplat.sim.conform import Conform
 from usdsplat.sim.conform_transport import TransportConform
 from usdsplat.sim.deform import deform
+from usdsplat.sim.masks import Masks
 from usdsplat.sim.morph import Morph
 from usdsplat.sim.skin import Skin
 from usdsplat.sim.specs import Deformer, Moment, Recipe
 from usdsplat.sim.state import Frame, State
-
-MASKED = "goal:masked"
-"""In `State.memory`: row of the capture whose mask value a deformer reads, int32, shape (n,)."""
 
 
 class TargetPose:
@@ -33,13 +31,19 @@ class TargetPose:
         device: Runs the kernels.
         recipe: The field.
         first: Values of the stage at the first frame.
+        masks: The masks of the field.
         carriers: Carriers of the field; only a conform by transport needs them.
     """
 
     def __init__(
-        self, device: Device, recipe: Recipe, first: Moment, carriers: Carriers | None = None
+        self,
+        device: Device,
+        recipe: Recipe,
+        first: Moment,
+        masks: Masks,
+        carriers: Carriers | None = None,
     ) -> None:
-        self._device = device
+        self._device, self._masks = device, masks
         self._skin: Skin | None = None
         rest, p = recipe.rest, first.parameters
         if recipe.binding is not None:
@@ -79,24 +83,13 @@ class TargetPose:
         appearance = replace(p.appearance, max_stretch=math.inf)
         return replace(moment, parameters=replace(p, appearance=appearance))
 
-    def begin(self, state: State, first: Moment, *, changes: bool) -> None:
-        """Add to the state what children inherit from their parents.
-
-        Args:
-            state: The capture's splats.
-            first: Values of the stage at the first frame.
-            changes: Whether splats are born or die.
-        """
-        if changes and any(each.mask is not None for each in first.deformers):
-            state.memory[MASKED] = np.arange(len(state), dtype=np.int32)
-
     def at(
         self, state: State, moment: Moment, seconds: float, *, gradient: bool = False
     ) -> tuple[F32, F32 | None]:
         """Return the target positions of all splats.
 
         Args:
-            state: The splats; only rest positions and parents matter.
+            state: The splats; only rest positions and masks matter.
             moment: Values of the stage at the time.
             seconds: Time since the simulation's start [s].
             gradient: Whether to compute the deformation gradient too.
@@ -113,18 +106,18 @@ class TargetPose:
         if gradient or binds:  # splats are bound in their deformed orientation
             turned = np.empty((len(state), 3, 3), np.float32)
             turned[:] = np.eye(3)
-        deformers = moment.deformers
-        if MASKED in state.memory:
-            deformers = tuple(_masked(each, state.memory[MASKED]) for each in deformers)
+        deformers = [self._masked(each, state, moment) for each in moment.deformers]
         deform(self._device, deformers, seconds, positions, turned)
         if self._skin is not None and moment.skin is not None:
-            self._skin.apply(moment.skin, moment.parameters.skin, positions, turned)
+            part = self._masks.factor(state, moment, "skin:weight")
+            self._skin.apply(moment.skin, moment.parameters.skin, positions, turned, part)
+        part = self._masks.factor(state, moment, "conform:weight")
         if isinstance(self._conform, Morph):
             self._conform.reset(state.rest_positions, positions, turned)
-            self._conform.apply(None, seconds, moment.parameters.conform, positions, turned)
+            self._conform.apply(None, seconds, moment.parameters.conform, positions, turned, part)
         elif self._conform is not None and moment.target is not None:
             self._conform.apply(
-                moment.target, seconds, moment.parameters.conform, positions, turned
+                moment.target, seconds, moment.parameters.conform, positions, turned, part
             )
         return positions, turned if gradient else None
 
@@ -198,14 +191,18 @@ class TargetPose:
                 }
             )
 
+    def _masked(self, deformer: Deformer, state: State, moment: Moment) -> Deformer:
+        """Return a deformer with the factor of its weight. Displacements by noise, curl and wave
+        are proportional to the amount, whose mask is therefore a factor of the weight too."""
+        lead, p = f"deform:{deformer.name}", deformer.parameters
+        mask = self._masks.factor(state, moment, f"{lead}:weight", p)
+        if p.type in ("noise", "curl", "wave"):
+            other = self._masks.factor(state, moment, f"{lead}:amount", p)
+            mask = other if mask is None else mask if other is None else mask * other
+        return deformer if mask is None else replace(deformer, mask=mask)
+
     def _parts(self) -> Iterator[tuple[str, Skin | Conform | TransportConform]]:
         if self._skin is not None:
             yield "skin", self._skin
         if self._conform is not None:
             yield "conform", self._conform
-
-
-def _masked(deformer: Deformer, rows: I32) -> Deformer:
-    """Return a deformer with the mask of these rows of the capture."""
-    mask = deformer.mask
-    return deformer if mask is None else replace(deformer, mask=mask[rows])

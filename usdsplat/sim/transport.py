@@ -37,6 +37,8 @@ def transport(
     rotations: F32,
     scales: F32,
     appearance: AppearanceParameters,
+    *,
+    factor: F32 | None = None,
 ) -> F32 | None:
     """Deform the ellipsoids of splats.
 
@@ -56,6 +58,7 @@ def transport(
         appearance: `covariance` selects how splats follow F: all of it; its rotation R of F = R
             U; or F / |F|^(1/3). Principal stretches are clamped to [1/s, s], s = `max_stretch`.
             `keep_opacity` selects whether areas are returned.
+        factor: Factor of `max_stretch` for each splat, shape (n,); an infinite one has none.
 
     Returns:
         Ratio of the deformed to the rest area of each splat's face (the ellipse of its two longer
@@ -65,10 +68,12 @@ def transport(
         Xie et al. 2024, "PhysGaussian"; Hestenes 1958 for the axes.
     """
     areas = np.empty(len(gradient), np.float32) if appearance.keep_opacity else NOBODY
-    limit = np.float32(appearance.max_stretch)
+    limits = np.array([appearance.max_stretch], np.float32)
+    if factor is not None and math.isfinite(appearance.max_stretch):
+        limits = limits * factor
     device.run(
         kernels.transport, gradient, rest_rotations, rest_scales,
-        POLICIES[appearance.covariance], limit, rotations, scales, areas,
+        POLICIES[appearance.covariance], limits, rotations, scales, areas,
     )  # fmt: skip
     return areas if appearance.keep_opacity else None
 

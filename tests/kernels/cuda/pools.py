@@ -15,6 +15,7 @@ from usdsplat.kernels.cuda.frame.groups import FrameNodes
 from usdsplat.kernels.cuda.frame.picture import FramePicture
 from usdsplat.kernels.cuda.frame.pool import NodePool
 from usdsplat.kernels.cuda.frame.project import PART
+from usdsplat.kernels.fading import WHOLE
 
 NAMES = ("positions", "rotations", "scales", "opacities", "sh")
 ALL = 1 << 40
@@ -103,12 +104,12 @@ def check_picture(device: CudaDevice, n: int) -> None:
     pages = pool.pages_of(parts, ALL)
     for numbers in (range(len(parts)), (2, 0)):
         table = [
-            (PART * page, min(PART, len(parts[k]) - PART * number), instance)
+            (PART * page, min(PART, len(parts[k]) - PART * number), instance, WHOLE)
             for k in numbers
             for instance in (0, 1)
             for number, page in enumerate(pages[k].tolist())
         ]
-        rows = np.zeros((2 * sum(map(len, pages)) + 3, 3), np.int32)
+        rows = np.zeros((2 * sum(map(len, pages)) + 3, 4), np.int32)
         rows[: len(table)] = table
         nodes = FrameNodes(splats=pool.arrays, instances=2, all_parts=len(rows), degree=1)
         groups = [nodes, group_of(device, field)]

@@ -109,6 +109,8 @@ class Shot:
     solvers: Callable[[], dict[str, Solver]]
     writes: frozenset[str] = ALL
     seed: int = 0
+    features: tuple[str, ...] = ()
+    keeps: bool = True
     frames: dict[str, list[Frame]] = field(default_factory=dict)
     digests: dict[str, str] = field(default_factory=dict)
 
@@ -116,13 +118,14 @@ class Shot:
         return Provenance(
             param_hash=parameter_hash(self.stage, self.times),
             parameters=parameter_lines(self.stage, self.times),
-            input_hash=input_hash(self.stage),
+            input_hash=input_hash(self.stage, [self.stage.GetSessionLayer().identifier]),
             seed=self.seed,
             substeps=1,
             dt=1 / 24,
             frame_range=(self.times[0], self.times[-1]),
             mode=self.parameters.mode,
             threads=1,
+            features=self.features,
         )
 
     def open(self, *, resume: bool = False) -> Bake:
@@ -137,7 +140,7 @@ class Shot:
         ]
         return Bake.open(
             self.stage, self.target, fields, self.times, self.parameters, self.provenance(),
-            resume=resume,
+            resume=resume, keeps_checkpoint=self.keeps,
         )  # fmt: skip
 
     def run(

@@ -9,7 +9,7 @@ from pxr import Sdf, Usd, UsdGeom
 from tests.sim.stage.stages import make_stage, simulation_of
 from usdsplat.core.errors import UsageError
 from usdsplat.core.knobs import knobs
-from usdsplat.sim.parameters import GROUPS, INSTANCED, BakeParameters, camel
+from usdsplat.sim.parameters import GROUPS, INSTANCED, NAMED, BakeParameters, camel
 from usdsplat.sim.stage.authoring import author, relate
 from usdsplat.sim.stage.parameters import read, read_all
 
@@ -33,7 +33,7 @@ def test_what_is_written_is_read(group: str) -> None:
     prim = simulation_of(stage)
     if group == "affector":
         prim = UsdGeom.Sphere.Define(stage, "/World/Ball").GetPrim()
-    lead = f"{group}:x:" if group in ("deform", "driver") else f"{group}:"
+    lead = f"{group}:x:" if group in NAMED else f"{group}:"
     cls = {**GROUPS, **INSTANCED}[group]
     author(prim, {f"{lead}{camel(item.name)}": item.default for item in knobs(cls)})
     assert read(prim, cls, f"splatSim:{lead}"[:-1], ONE) == cls()

@@ -287,4 +287,4 @@ def test_the_stage_says_what_it_said(tmp_path: Path) -> None:
         assert record["inputHash"][0].endswith("  shot.usda")
     assert bake.target.stat().st_size < 5000
     leftovers = {path.name for path in (tmp_path / "bake_data").iterdir()}
-    assert leftovers == {"samples.usdc"}
+    assert leftovers == {"samples.usdc", "kept_checkpoint"}

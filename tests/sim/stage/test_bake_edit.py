@@ -106,7 +106,7 @@ def test_half_captures_are_edited_in_half(tmp_path: Path) -> None:
 
 def test_births_and_packed_captures_are_refused(tmp_path: Path) -> None:
     """Oracle: the sentences."""
-    with pytest.raises(StageError, match="bake:mode edit: found births or deaths"):
+    with pytest.raises(StageError, match="bake:mode edit: found splats that are born"):
         shot(tmp_path, "edit").open()
     (tmp_path / "packed").mkdir()
     with pytest.raises(StageError, match="bake:mode edit: found a packed field"):

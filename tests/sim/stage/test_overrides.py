@@ -16,6 +16,7 @@ from usdsplat.sim.parameters import (
     AffectorParameters,
     DeformParameters,
     DriverParameters,
+    MaskParameters,
     camel,
 )
 from usdsplat.sim.stage.authoring import author
@@ -28,7 +29,10 @@ BALL = "/World/Ball"
 def stage_with_all() -> Usd.Stage:
     """A simulation with a deformer and a driver, and an affector."""
     stage = make_stage()
-    author(simulation_of(stage), {"deform:bow:angle": 10.0, "driver:glow:amount": 0.5})
+    author(
+        simulation_of(stage),
+        {"deform:bow:angle": 10.0, "driver:glow:amount": 0.5, "mask:edge:size": 2.0},
+    )
     author(UsdGeom.Sphere.Define(stage, BALL).GetPrim(), {"affector:friction": 0.1})
     return stage
 
@@ -42,6 +46,8 @@ def another(item: Knob) -> tuple[str, Any]:
     if get_origin(kind) is tuple:
         if get_args(kind)[0] is str:
             return "a,b", ("a", "b")
+        if get_origin(get_args(kind)[0]) is tuple:
+            return "1,2,3,4,5,6", ((1, 2, 3), (4, 5, 6))
         size = len(get_args(kind))
         return ",".join("3" for _ in range(size)), (3,) * size
     if kind is bool:
@@ -70,7 +76,7 @@ def test_every_parameter_of_a_simulation_can_be_set(group: str, item: Knob) -> N
     assert stage.GetRootLayer().ExportToString() == before
 
 
-INSTANCES = {"affector": "", "deform": "bow:", "driver": "glow:"}
+INSTANCES = {"affector": "", "deform": "bow:", "driver": "glow:", "mask": "edge:"}
 NAMED = [
     (group, item)
     for group, cls in INSTANCED.items()
@@ -79,6 +85,7 @@ NAMED = [
 ]
 CLASSES = {
     "affector": AffectorParameters, "deform": DeformParameters, "driver": DriverParameters,
+    "mask": MaskParameters,
 }  # fmt: skip
 
 
@@ -138,7 +145,7 @@ def test_one_prim_can_be_meant() -> None:
         ("particles:gravity=1,2", UsageError, "particles:gravity"),
         ("particles:gravity=1,2,x", UsageError, "found '1,2,x'"),
         ("deform:angle=3", UsageError, "expected such as deform:"),
-        ("deform:bow:points=1,2,3", UsageError, "deform:bow:points"),
+        ("deform:bow:points=1,2,3,4", UsageError, "deform:bow:points"),
         ("deform:arrow:angle=3", StageError, "found no deform 'arrow', expected one of bow"),
         ("driver:glow:colour=1,1,1", UsageError, "expected such as driver:glow:color"),
         ("/World/No.rd:feed=0.04", StageError, "found no SplatSim prim /World/No"),

@@ -29,7 +29,7 @@ def other(item: Knob) -> Any:
         return "other"
     if item.usd_type == "token[]":
         return ("a", "b/c")
-    if item.usd_type == "point3f[]":
+    if item.usd_type in ("point3f[]", "color3f[]"):
         return ((0.1, 0.2, 0.3), (1.0, 2.0, 3.0))
     if isinstance(item.default, tuple):
         return tuple(part + 1 for part in item.default)
@@ -53,6 +53,8 @@ def test_what_is_authored_is_read_whether_usd_knows_the_type_or_not(group: str, 
         written = Gf.Vec3i(*expected)
     elif isinstance(item.default, tuple) and not item.default:
         written = list(expected)
+    elif item.usd_type == "asset":
+        written = Sdf.AssetPath(expected)
     attribute.Set(written)
     cls = {**GROUPS, **INSTANCED}[group]
     found = read(prim, cls, f"splatSim:{group}", ONE)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import get_args
 
 import numpy as np
 import pytest
@@ -13,10 +12,9 @@ from tests.schema.clouds import cloud
 from tests.sim.stage.stages import moved, place, rigid, world
 from usdsplat import schema
 from usdsplat.core.errors import OutputError, StageError, UsageError
-from usdsplat.sim.stage.presets import PresetName, author_preset
+from usdsplat.sim.stage.presets import PRESETS, author_preset
 from usdsplat.sim.stage.recipe import StageRecipe, find_simulations, recipes
-
-PRESETS = get_args(PresetName)
+from usdsplat.sim.styles import STYLES
 
 
 def capture(folder: Path, *, up: str = "Y", fields: int = 1) -> Usd.Stage:
@@ -56,7 +54,7 @@ def block(folder: Path, up: str = "Z") -> Usd.Stage:
     return stage
 
 
-def written(folder: Path, name: PresetName, up: str = "Y") -> tuple[Usd.Stage, StageRecipe]:
+def written(folder: Path, name: str, up: str = "Y") -> tuple[Usd.Stage, StageRecipe]:
     """A preset, opened again."""
     (folder / "shots").mkdir()
     goal = other(folder) if name == "morph" else None
@@ -112,16 +110,18 @@ def test_a_ball_goes_through_the_middle_of_the_capture(name, tmp_path) -> None:
     assert UsdGeom.Gprim(ball).GetDisplayColorAttr().Get()
 
 
-def test_a_pattern_is_formed_by_the_last_frame(tmp_path) -> None:
-    """Oracle: about 6,000 reaction steps; lengths are in units of the field."""
+def test_new_matter_covers_the_capture_by_the_last_frame(tmp_path) -> None:
+    """Oracle: about 16,000 reaction steps; a front along the whole capture in less than the frames;
+    carriers as far apart as the splats; lengths are in units of the field."""
     stage, recipe = written(tmp_path, "grow")
     asked = recipe.at(1).parameters
-    assert asked.rd.enabled and asked.rd.preset == "labyrinth"
-    assert 5_500 <= 100 * asked.rd.substeps <= 6_500 and asked.growth.birth_rate > 0
+    assert asked.rd.enabled and asked.accretion.enabled and asked.accretion.style == "coral"
+    assert 15_000 <= 100 * asked.rd.substeps <= 17_000
     size = np.ptp(box(stage), axis=0).max() / 2
-    assert asked.rd.pattern_scale == pytest.approx(size * np.sqrt(3 / 500), rel=1e-5)
-    drivers = {each.parameters.output for each in recipe.at(1).drivers}
-    assert drivers == {"color", "displacement", "scale"}
+    spacing = asked.carriers.spacing
+    assert spacing == pytest.approx(size * np.sqrt(3 / 500), rel=1e-5)
+    along = size / (asked.rd.front_speed * spacing)
+    assert along == pytest.approx(0.6 * 100 / 24, rel=1e-4)
 
 
 @pytest.mark.parametrize("up", ["Y", "Z"])
@@ -156,6 +156,40 @@ def test_the_wind_blows_level_and_up_a_little(tmp_path) -> None:
     assert asked.particles.wind[2] == pytest.approx(0.15 * size, rel=1e-4)
     assert np.hypot(*asked.particles.wind[:2]) == pytest.approx(0.6 * size, rel=1e-4)
     assert asked.dissolve.size == pytest.approx(0.15 * size / 2, rel=1e-4)
+
+
+@pytest.mark.parametrize("style", STYLES)
+def test_the_style_of_grow_is_that_of_new_matter(style, tmp_path) -> None:
+    """Oracle: the parameter on the stage."""
+    author_preset("grow", capture(tmp_path), tmp_path / "a.usda", options={"style": style})
+    stage = Usd.Stage.Open(str(tmp_path / "a.usda"))
+    (sim,) = find_simulations(stage)
+    assert sim.GetAttribute("splatSim:accretion:style").Get() == style
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_what_acts_on_splats_is_not_part_of_the_picture(name, tmp_path) -> None:
+    """Oracle: USD's purpose of every prim that the preset draws."""
+    stage, _ = written(tmp_path, name)
+    ours = Usd.PrimRange(stage.GetPrimAtPath("/World/Simulation"))
+    drawn = [prim for prim in ours if prim.IsA(UsdGeom.Gprim)]
+    assert {str(UsdGeom.Imageable(prim).ComputePurpose()) for prim in drawn} <= {"guide"}
+
+
+def test_an_option_that_a_preset_does_not_take_is_one_sentence(tmp_path) -> None:
+    """Oracle: the sentences; nothing is written."""
+    stage = capture(tmp_path)
+
+    def asked(name: str, **options: str) -> None:
+        author_preset(name, stage, tmp_path / "a.usda", options=options)
+
+    with pytest.raises(UsageError, match="--style: found 'wool', expected one of cells, coral, "):
+        asked("grow", style="wool")
+    with pytest.raises(UsageError, match=r"--material: found 'clay' and --preset grow, .* --style"):
+        asked("grow", material="clay")
+    with pytest.raises(UsageError, match=r"--style: .* --preset dissolve, .*takes no option"):
+        asked("dissolve", style="x")
+    assert not (tmp_path / "a.usda").exists()
 
 
 def test_what_cannot_be_a_preset_is_one_sentence(tmp_path) -> None:
@@ -232,9 +266,11 @@ def test_a_capture_to_become_is_as_large_as_the_capture(tmp_path) -> None:
 def test_targets_that_do_not_fit_are_one_sentence(tmp_path) -> None:
     """Oracle: the sentences."""
     stage, into = capture(tmp_path), tmp_path / "a.usda"
-    with pytest.raises(UsageError, match="target: found one for preset push, expected preset con"):
+    with pytest.raises(
+        UsageError, match=r"--target: .*other.usdc' and --preset push, expected non"
+    ):
         author_preset("push", stage, into, goal=other(tmp_path))
-    with pytest.raises(UsageError, match="target: found none, and preset morph, expected a capt"):
+    with pytest.raises(UsageError, match="--target: found none and --preset morph, expected a cap"):
         author_preset("morph", stage, into)
     solid = block(tmp_path)
     with pytest.raises(StageError, match="found meshes, expected a capture"):

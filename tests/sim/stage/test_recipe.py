@@ -142,9 +142,12 @@ def test_deformers_are_in_the_order_of_the_stack() -> None:
         "arm", Sdf.ValueTypeNames.FloatArray, "vertex"
     )
     primvar.Set(Vt.FloatArray([0, 2, 1]))
-    first, second, third = only(stage).at(5).deformers
+    moment = only(stage).at(5)
+    first, second, third = moment.deformers
     assert [first.name, second.name, third.name] == ["first", "a", "b"]
-    assert second.mask.tolist() == [0, 2, 1] and first.mask is None
+    (name,) = moment.masked["deform:a:weight"]
+    assert list(moment.masked) == ["deform:a:weight"]
+    assert moment.masks[name].primvar.tolist() == [0, 2, 1]
     assert second.parameters.angle == 20
     expected = np.linalg.inv(world(field_of(stage))) @ world(frame, 5)
     assert np.allclose(second.frame, expected) and (first.frame == np.eye(4)).all()

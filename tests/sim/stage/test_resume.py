@@ -125,7 +125,7 @@ def test_a_new_bake_replaces_an_old_one(tmp_path: Path) -> None:
     shot(tmp_path, "clips").run()
     again = shot(tmp_path, "dense", stage=Usd.Stage.Open(str(tmp_path / "shot.usda")))
     again.run()
-    assert list(files(tmp_path / "bake_data")) == ["samples.usdc"]
+    assert list(files(tmp_path / "bake_data")) == ["kept_checkpoint", "samples.usdc"]
 
 
 def changed_input(bake: Shot) -> None:

@@ -365,7 +365,7 @@ def test_what_was_automatic_is_remembered(tmp_path: Path) -> None:
     record = read_record(Sdf.Layer.FindOrOpen(str(bake(shot, frames=FRAMES[:2]))))
     assert record is not None
     for path, solver in simulation.solvers.items():
-        assert record["resolved"][path] == solver.resolved
+        assert record["resolved"][path] == simulation.resolved(path)
         assert {"patternScale", "dimension", "hMin", "hMax"} <= set(solver.resolved)
 
 

@@ -13,6 +13,12 @@ CODES: dict[str, Code] = {
         "an authored property has no effect",
         "correct the property, or remove it",
     ),
+    "not-masked": Code(
+        "warning",
+        "a mask is bound to a parameter that cannot take one",
+        "bind it to a parameter that `usdsplat simulate --list-parameters` marks with M",
+        "the parameter is the same for all splats",
+    ),
     "not-simulated": Code(
         "error",
         "a simulation cannot run",

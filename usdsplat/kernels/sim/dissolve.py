@@ -73,14 +73,18 @@ def turns(i, rest, ids, by, origin, per_length, seed, out):
 
 
 @kernel(over="velocities", writes=("velocities", "flags", "gone"))
-def let_go(i, velocities, flags, gone, times, ids, normals, now, speed, cosine, free, pinned, seed):
+def let_go(
+    i, velocities, flags, gone, times, ids, normals, now, speeds, cosine, free, pinned, seed
+):
     """Release splats at their release times: set the flag `free` and the initial velocity, once.
 
     Args:
         velocities: (n, 3) f32. flags: (n,) u32. gone: (n,) u8, 1 for splats released already.
         times: Release times, (n,) f32. now: f32.
-        normals: (n, 3) f32. speed, cosine: See `impulse`, f32.
+        normals: (n, 3) f32.
+        speeds: Of each splat, (n,) f32, or of all, (1,). cosine: f32. See `impulse`.
     """
+    speed = speeds[i] if len(speeds) > 1 else speeds[0]
     if gone[i] or not times[i] <= now or flags[i] & pinned:
         return
     x, y, z = impulse(ids[i], normals[i, 0], normals[i, 1], normals[i, 2], speed, cosine, seed)
@@ -93,7 +97,7 @@ def let_go(i, velocities, flags, gone, times, ids, normals, now, speed, cosine, 
 
 @kernel(over="positions", writes=("positions", "velocities", "flags"))
 def come(
-    i, positions, velocities, flags, goals, times, ids, normals, now, speed, cosine, push, drag,
+    i, positions, velocities, flags, goals, times, ids, normals, now, speeds, cosine, push, drag,
     free, pinned, seed,
 ):  # fmt: skip
     """Place splats that have not arrived yet on their reversed flights; put arrived ones at rest.
@@ -102,12 +106,14 @@ def come(
         positions, velocities: (n, 3) f32, of splats in flight or just arrived. flags: (n,) u32.
         goals: Positions at arrival, (n, 3) f32.
         times: Arrival times, (n,) f32. now: f64.
-        normals: (n, 3) f32. speed, cosine: See `impulse`, f32.
+        normals: (n, 3) f32.
+        speeds: Of each splat, (n,) f32, or of all, (1,). cosine: f32. See `impulse`.
         push: Gravity + drag times wind, (3,) f64. drag: f64 [1/s].
     """
     if flags[i] & pinned:
         return
     left = times[i] - now
+    speed = speeds[i] if len(speeds) > 1 else speeds[0]
     if left > 0.0:
         vx, vy, vz = impulse(
             ids[i], normals[i, 0], normals[i, 1], normals[i, 2], speed, cosine, seed

@@ -82,7 +82,7 @@ def _whirls(count, cells, within, first, part, second, other, air):
 )
 def fly(
     begin, end, whole, parts, positions, velocities, flags, wanted, excluded, pull, wind, extra,
-    to_world, from_world, whirl, per_length, time, keep, dt, limit, seed,
+    to_world, from_world, whirl, per_length, time, keep, drag, factors, dt, limit, seed,
 ):  # fmt: skip
     """Move splats by a step, in place.
 
@@ -96,7 +96,9 @@ def fly(
             f64, vectors back.
         whirl: Speed of the turbulence. per_length: 1 / its size, f64. time: In periods of its
             change, f64.
-        keep: e^(-drag dt). dt, limit: Step [s] and largest speed, f32.
+        keep: e^(-drag dt). drag: [1/s]. f32.
+        factors: Factors of gravity, wind, turbulence and drag of each splat, (n, 4) f32, or (0, 4).
+        dt, limit: Step [s] and largest speed, f32.
         seed: Seed of the turbulence.
     """
     first, part, second, other = change(time, seed)
@@ -105,6 +107,7 @@ def fly(
     for i in range(begin, end):
         rows[count] = i - begin
         count += flags[i] & (wanted | excluded) == wanted
+    masked = len(factors) > 0
     if whirl > _ZERO:
         for k in range(count):
             i = begin + rows[k]
@@ -118,7 +121,16 @@ def fly(
             x, y, z = air[0, k], air[1, k], air[2, k]
             for c in range(3):
                 m = from_world[c]
-                air[c, k] = wind[c] + whirl * np.float32(m[0] * x + m[1] * y + m[2] * z)
+                gust = whirl * np.float32(m[0] * x + m[1] * y + m[2] * z)
+                if masked:
+                    i = begin + rows[k]
+                    air[c, k] = wind[c] * factors[i, 1] + gust * factors[i, 2]
+                else:
+                    air[c, k] = wind[c] + gust
+    elif masked:
+        for k in range(count):
+            for c in range(3):
+                air[c, k] = wind[c] * factors[begin + rows[k], 1]
     else:
         for c in range(3):
             air[c, :] = wind[c]
@@ -127,9 +139,12 @@ def fly(
         ax, ay, az = air[0, k], air[1, k], air[2, k]
         if len(extra):
             ax, ay, az = ax + extra[i, 0], ay + extra[i, 1], az + extra[i, 2]
-        vx = _velocity(velocities[i, 0], pull[0], ax, keep)
-        vy = _velocity(velocities[i, 1], pull[1], ay, keep)
-        vz = _velocity(velocities[i, 2], pull[2], az, keep)
+        part, own = _ONE, keep
+        if masked:
+            part, own = factors[i, 0], np.float32(math.exp(-drag * factors[i, 3] * dt))
+        vx = _velocity(velocities[i, 0], pull[0] * part, ax, own)
+        vy = _velocity(velocities[i, 1], pull[1] * part, ay, own)
+        vz = _velocity(velocities[i, 2], pull[2] * part, az, own)
         speed = np.float32(math.sqrt(vx * vx + vy * vy + vz * vz))
         if speed > limit:
             less = limit / speed

@@ -80,7 +80,7 @@ def edge(points, triangles, face, end):
     writes=("points", "gradient"),
     scratch=(BlockArray(shape=12, dtype=np.float64),),
 )
-def blend_linear(first, last, m, points, gradient, indices, weights, amount, joints):
+def blend_linear(first, last, m, points, gradient, indices, weights, amounts, joints):
     """Move splats by the weighted mean of their joints' transformations.
 
     Args:
@@ -88,10 +88,11 @@ def blend_linear(first, last, m, points, gradient, indices, weights, amount, joi
         gradient: Deformation gradients, changed in place, shape (n, 3, 3) f32, or empty.
         indices, weights: Joints of each splat, shape (n, k) i32, f32. If the weights sum to less
             than 1, the rest has the weight of the identity.
-        amount: Strength, 0 to 1.
+        amounts: Strength, 0 to 1, of each splat, shape (n,) f64, or of all, (1,).
         joints: (A | t) in row order, shape (j, 12) f64.
     """
     for i in range(first, last):
+        amount = amounts[i] if len(amounts) > 1 else amounts[0]
         m[:] = 0.0
         stays = 1.0
         for k in range(indices.shape[1]):
@@ -111,16 +112,17 @@ def blend_linear(first, last, m, points, gradient, indices, weights, amount, joi
     writes=("points", "gradient"),
     scratch=(BlockArray(shape=29, dtype=np.float64),),
 )
-def blend_dual(first, last, own, points, gradient, indices, weights, amount, joints):
+def blend_dual(first, last, own, points, gradient, indices, weights, amounts, joints):
     """Move splats by blended rigid motions of their joints; the stretch is blended linearly and
     applied first.
 
     Args:
-        points, gradient, indices, weights, amount: See `blend_linear`.
+        points, gradient, indices, weights, amounts: See `blend_linear`.
         joints: Shape (j, DUAL) f64.
     """
     m, s, q = own[:12], own[12:21], own[21:]
     for i in range(first, last):
+        amount = amounts[i] if len(amounts) > 1 else amounts[0]
         pivot, most = np.int32(-1), np.float32(0)
         for k in range(indices.shape[1]):
             if weights[i, k] > most:
@@ -182,12 +184,12 @@ def blend_dual(first, last, own, points, gradient, indices, weights, amount, joi
     scratch=(BlockArray(shape=21, dtype=np.float64),),
 )
 def follow_triangles(
-    first, last, own, points, gradient, faces, weights, amount, triangles, before, after, bind
+    first, last, own, points, gradient, faces, weights, amounts, triangles, before, after, bind
 ):
     """Move splats with the triangles that they are bound to.
 
     Args:
-        points, gradient, amount: See `blend_linear`.
+        points, gradient, amounts: See `blend_linear`.
         faces: Triangle of each splat, shape (n,) i32.
         weights: Barycentric weights on it, shape (n, 3) f32.
         triangles: Rows of points, shape (t, 3) i32.
@@ -197,6 +199,7 @@ def follow_triangles(
     """
     m, f = own[:12], own[12:]
     for i in range(first, last):
+        amount = amounts[i] if len(amounts) > 1 else amounts[0]
         face = faces[i]
         ux, uy, uz = edge(before, triangles, face, 1)
         vx, vy, vz = edge(before, triangles, face, 2)

@@ -87,7 +87,7 @@ def carried(f, w, x, y, z, sx, sy, sz):
 
 
 @kernel(over="gradient", writes=("rotations", "scales", "areas"))
-def transport(i, gradient, rest_rotations, rest_scales, policy, limit, rotations, scales, areas):
+def transport(i, gradient, rest_rotations, rest_scales, policy, limits, rotations, scales, areas):
     """Compute the ellipsoid of each splat from the ellipsoid at rest.
 
     Args:
@@ -96,7 +96,8 @@ def transport(i, gradient, rest_rotations, rest_scales, policy, limit, rotations
         rest_rotations: Shape (n, 4).
         rest_scales: Shape (n, 3).
         policy: FULL, RIGID or VOLUME.
-        limit: Largest principal stretch, f32, at least 1.
+        limits: Largest principal stretch of each splat, at least 1, shape (n,) f32, or of all,
+            (1,).
         rotations: Those of the time before, replaced by the nearer one of q and -q, shape (n, 4).
         scales: Receives scales, shape (n, 3).
         areas: Receives the growth factor of each ellipsoid's face, shape (n,), or (0,) if not
@@ -113,6 +114,7 @@ def transport(i, gradient, rest_rotations, rest_scales, policy, limit, rotations
     )  # fmt: skip
     sx, sy, sz = rest_scales[i, 0], rest_scales[i, 1], rest_scales[i, 2]
     area = ONE
+    limit = limits[i] if len(limits) > 1 else limits[0]
     total = f[0] + f[1] + f[2] + f[3] + f[4] + f[5] + f[6] + f[7] + f[8]
     if not is_identity(f) and math.isfinite(total):
         if policy == RIGID:

@@ -18,7 +18,7 @@ from usdsplat.preview.simulating.pinning import Pins
 from usdsplat.sim.parameters import NAMESPACE
 from usdsplat.sim.specs import Moment
 from usdsplat.sim.stage import collections
-from usdsplat.sim.stage.parameters import FRAME, RELATIONSHIPS, instances
+from usdsplat.sim.stage.parameters import NAMED_RELATIONSHIPS, RELATIONSHIPS, instances
 from usdsplat.sim.stage.recipe import StageRecipe, find_simulations
 from usdsplat.sim.stage.simulation import Simulation
 
@@ -38,10 +38,10 @@ def members(stage: Usd.Stage) -> dict[str, Usd.Prim]:
         for prim in (*fields, *collections.affectors(stage, simulation)):
             found[f"{path}: {prim.GetPath()}"] = prim
         links = list(RELATIONSHIPS)
-        for group in ("deform", "driver"):
+        for group, relationships in NAMED_RELATIONSHIPS.items():
             for name in instances(simulation, group):
                 found[f"{path}.{NAMESPACE}:{group}:{name}"] = simulation
-                links += [f"{group}:{name}:{FRAME}"] if group == "deform" else []
+                links += [f"{group}:{name}:{each}" for each in relationships]
         for name in links:
             relationship = simulation.GetRelationship(f"{NAMESPACE}:{name}")
             for target in relationship.GetForwardedTargets() if relationship else ():

@@ -13,7 +13,15 @@ from usdsplat.core.knobs import Knob, knobs
 from usdsplat.preview.knob_model import Editor, editor_of, kind_of, typed
 from usdsplat.preview.stage_model.edits import Edits
 from usdsplat.preview.stage_model.placing import code_of
-from usdsplat.sim.parameters import GROUPS, INSTANCED, NAMESPACE, camel
+from usdsplat.sim.parameters import (
+    GROUPS,
+    INSTANCED,
+    MASK,
+    NAMED,
+    NAMESPACE,
+    binding_of,
+    camel,
+)
 from usdsplat.sim.stage.authoring import SINGLE_APIS, find
 from usdsplat.sim.stage.collections import SIMULATION_TYPE, is_affector
 from usdsplat.sim.stage.parameters import instances, read_one
@@ -35,6 +43,7 @@ _HEADINGS = {
     "affector": "Affector",
     "deform": "Deformer",
     "driver": "Driver",
+    "mask": "Mask",
 }
 _ALWAYS = ("sim", "neighbors")
 """Parameter groups that need no applied schema."""
@@ -131,7 +140,7 @@ def _editors(prim: Usd.Prim, code: Usd.TimeCode) -> Iterator[Editor]:
         for group, cls in GROUPS.items():
             if _has(prim, group):
                 yield from _group(prim, cls, group, _HEADINGS[group], code)
-        for group in ("deform", "driver"):
+        for group in NAMED:
             for name in instances(prim, group):
                 heading = f"{_HEADINGS[group]} {name}"
                 yield from _group(prim, INSTANCED[group], f"{group}:{name}", heading, code)
@@ -152,8 +161,16 @@ def _group(
     prim: Usd.Prim, cls: type, lead: str, heading: str, code: Usd.TimeCode
 ) -> Iterator[Editor]:
     for item in knobs(cls):
+        name = f"{lead}:{camel(item.name)}"
         if kind_of(item) is not None:
-            yield _editor(prim, item, f"{lead}:{camel(item.name)}", heading, code)
+            yield _editor(prim, item, name, heading, code)
+        if item.takes_mask and _has_masks(prim):
+            yield _editor(prim, binding_of(item), f"{name}:{MASK}", heading, code)
+
+
+def _has_masks(prim: Usd.Prim) -> bool:
+    """Return whether a simulation has masks, or an affector may have the mask of one."""
+    return prim.GetTypeName() != SIMULATION_TYPE or bool(instances(prim, "mask"))
 
 
 def _editor(prim: Usd.Prim, item: Knob, name: str, heading: str, code: Usd.TimeCode) -> Editor:

@@ -15,6 +15,7 @@ from usdsplat.core.errors import UsageError
 from usdsplat.core.knobs import Knob, checked, checked_value, knobs
 from usdsplat.sim.parameters.accretion import AccretionParameters
 from usdsplat.sim.parameters.affector import AffectorParameters
+from usdsplat.sim.parameters.mask import MaskParameters
 from usdsplat.sim.parameters.matter import CarriersParameters, MatterParameters
 from usdsplat.sim.parameters.refine import RefineParameters
 from usdsplat.sim.parameters.result import AppearanceParameters, BakeParameters, DriverParameters
@@ -37,6 +38,8 @@ from usdsplat.sim.parameters.solver import (
 __all__ = [
     "GROUPS",
     "INSTANCED",
+    "MASK",
+    "NAMED",
     "NAMESPACE",
     "AccretionParameters",
     "AffectorParameters",
@@ -48,6 +51,7 @@ __all__ = [
     "DissolveParameters",
     "DriverParameters",
     "GrowthParameters",
+    "MaskParameters",
     "MatterParameters",
     "NeighborsParameters",
     "Parameters",
@@ -58,8 +62,10 @@ __all__ = [
     "SettleParameters",
     "SimParameters",
     "SkinParameters",
+    "binding_of",
     "camel",
     "legal",
+    "masked_parameters",
 ]
 
 NAMESPACE = "splatSim"
@@ -113,15 +119,40 @@ INSTANCED: dict[str, type] = {
     "affector": AffectorParameters,
     "deform": DeformParameters,
     "driver": DriverParameters,
+    "mask": MaskParameters,
 }
-"""Groups with several instances: affectors are prims of their own, deformers and drivers have
-names, as in `splatSim:deform:<name>:angle`."""
+"""Groups with several instances: affectors are prims of their own, deformers, drivers and masks
+have names, as in `splatSim:deform:<name>:angle`."""
+
+NAMED = ("deform", "driver", "mask")
+"""Groups whose instances have names."""
+
+MASK = "mask"
+"""Last part of the name of an attribute that names the mask of a parameter."""
+
+
+def binding_of(item: Knob) -> Knob:
+    """Return the knob `<name>:mask` that names the mask of another knob."""
+    return Knob(
+        name=f"{item.name}:{MASK}", type=str, default="", usd_type="token", uniform=True,
+        text=f"name of the mask that multiplies {item.name}, splat by splat",
+    )  # fmt: skip
+
+
+def masked_parameters() -> tuple[str, ...]:
+    """Return the names of all parameters that take a mask, such as "growth:rate"."""
+    return tuple(
+        f"{group}:<name>:{camel(item.name)}" if group in NAMED else f"{group}:{camel(item.name)}"
+        for group, cls in {**GROUPS, **INSTANCED}.items()
+        for item in knobs(cls)
+        if item.takes_mask
+    )
 
 
 def camel(name: str) -> str:
     """Return a name in USD's spelling: `pattern_scale` is `patternScale`."""
     first, *rest = name.split("_")
-    return first + "".join(word.title() for word in rest)
+    return first + "".join(word[:1].upper() + word[1:] for word in rest)
 
 
 def legal(where: str, cls: type[T], values: Mapping[str, Any]) -> T:

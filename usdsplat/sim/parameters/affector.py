@@ -16,12 +16,13 @@ class AffectorParameters:
     """One affector."""
 
     enabled: bool = knob(True, "whether the affector is active")
-    role: Literal["collide", "seed", "mask", "wind", "feed", "growth", "opacity"] = knob(
+    role: Literal["collide", "seed", "mask", "wind", "feed", "growth", "opacity", "region"] = knob(
         "collide",
         "collide pushes splats out; the others act with amount inside and fade over falloff "
         "outside: seed starts the pattern, mask limits growth, births and collisions to the "
         "splats inside, wind moves flying splats along the local z axis, feed adds to the "
-        "reaction's feed rate, growth multiplies growth rates, opacity multiplies opacities",
+        "reaction's feed rate, growth multiplies growth rates, opacity multiplies opacities; "
+        "region acts only through the masks that name it",
         uniform=True,
     )
     amount: float = knob(
@@ -29,6 +30,7 @@ class AffectorParameters:
         "strength of a role other than collide: factor of growth and opacity, speed of wind "
         "[unit/s], offset of the feed rate, strength of seed and mask",
         range=(-INF, INF),
+        takes_mask=True,
     )
     falloff: float = knob(
         0.0, "distance from the surface at which a role other than collide ends",

@@ -21,7 +21,10 @@ class AppearanceParameters:
         "their volume (volume)",
     )
     max_stretch: float = knob(
-        3.0, "largest factor by which a deformation may stretch a splat", range=(1.0, 100.0)
+        3.0,
+        "largest factor by which a deformation may stretch a splat",
+        range=(1.0, 100.0),
+        takes_mask=True,
     )
     keep_opacity: bool = knob(
         False,
@@ -59,6 +62,7 @@ class DriverParameters:
         "complete effect: factor of scale, thickness and opacity, mixing weight of color, or "
         "displacement [unit]",
         range=(-INF, INF),
+        takes_mask=True,
     )
     color: tuple[float, float, float] = knob(
         (1.0, 1.0, 1.0),

@@ -18,6 +18,7 @@ class SettleParameters:
     omega: float = knob(
         8.0, "speed of settling; half the way takes 1.68 / omega; 0 turns it off", unit="1/s",
         range=(0.0, 100.0),
+        takes_mask=True,
     )  # fmt: skip
     delay: float = knob(
         0.0,
@@ -35,6 +36,7 @@ class ConformParameters:
         0.0,
         "blend from the capture, 0, to the target, 1; needs rel conform:target",
         range=(0.0, 1.0),
+        takes_mask=True,
     )
     start: float = knob(
         0.0, "time after the simulation's start at which the first splats start to move", unit="s",
@@ -102,6 +104,7 @@ class SkinParameters:
         "weight of the skin: 0 leaves splats at rest, 1 follows the skeleton; needs rel "
         "skin:skeleton",
         range=(0.0, 1.0),
+        takes_mask=True,
     )
     method: Literal["linear", "dualQuaternion"] = knob(
         "linear", "blending of joints; dualQuaternion preserves volume in twists"
@@ -123,9 +126,12 @@ class DeformParameters:
         "transform", "type of deformation", uniform=True
     )
     order: int = knob(0, "position in the stack, lowest first", range=(-1000, 1000), uniform=True)
-    weight: float = knob(1.0, "weight of the deformation", range=(0.0, 1.0))
+    weight: float = knob(1.0, "weight of the deformation", range=(0.0, 1.0), takes_mask=True)
     mask: str = knob(
-        "", "primvar of the field, float[], that multiplies the deformation", uniform=True
+        "",
+        "primvar of the field, float[], that multiplies the deformation; a mask of weight can "
+        "do more",
+        uniform=True,
     )
     falloff: float = knob(
         0.0,
@@ -155,7 +161,9 @@ class DeformParameters:
         "scale of type transform; for taper, the scale across the axis at the end of the length",
         usd_type="float3",
     )
-    amount: float = knob(0.1, "amplitude of noise, curl and wave", unit="unit", range=(-INF, INF))
+    amount: float = knob(
+        0.1, "amplitude of noise, curl and wave", unit="unit", range=(-INF, INF), takes_mask=True
+    )
     size: float = knob(1.0, "wavelength of noise, curl and wave", unit="unit", range=(1e-6, INF))
     speed: float = knob(
         1.0, "speed of noise, curl and wave, in wavelengths", unit="1/s", range=(-INF, INF)
@@ -181,18 +189,26 @@ class ParticlesParameters:
     gravity: tuple[float, float, float] = knob(
         (0.0, 0.0, 0.0), "acceleration in the space of the stage", unit="unit/s^2",
         usd_type="vector3f",
+        takes_mask=True,
     )  # fmt: skip
     wind: tuple[float, float, float] = knob(
         (0.0, 0.0, 0.0), "velocity of the air in the space of the stage", unit="unit/s",
         usd_type="vector3f",
+        takes_mask=True,
     )  # fmt: skip
-    turbulence: float = knob(0.0, "speed of the turbulence", unit="unit/s", range=(0.0, INF))
+    turbulence: float = knob(
+        0.0, "speed of the turbulence", unit="unit/s", range=(0.0, INF), takes_mask=True
+    )
     turbulence_scale: float = knob(1.0, "size of the turbulence", unit="unit", range=(1e-6, INF))
     turbulence_speed: float = knob(
         0.5, "rate at which the turbulence changes", unit="1/s", range=(0.0, INF)
     )
     drag: float = knob(
-        0.5, "rate at which splats take on the velocity of the air", unit="1/s", range=(0.0, INF)
+        0.5,
+        "rate at which splats take on the velocity of the air",
+        unit="1/s",
+        range=(0.0, INF),
+        takes_mask=True,
     )
 
 
@@ -206,11 +222,13 @@ class DissolveParameters:
         "whether splats fly away, or return from where they would have flown",
         uniform=True,
     )
-    by: Literal["noise", "distance", "random"] = knob(
+    by: Literal["noise", "distance", "random", "mask"] = knob(
         "noise",
-        "order in which splats detach: in patches of dissolve:size, nearest to origin first, or "
-        "random",
+        "order in which splats detach: in patches of dissolve:size, nearest to origin first, "
+        "random, or by the mask that dissolve:by:mask names: where it is 0 first, where it is 1 "
+        "last, and where a moving mask falls early enough",
         uniform=True,
+        takes_mask=True,
     )
     origin: tuple[float, float, float] = knob(
         (0.0, 0.0, 0.0),
@@ -236,6 +254,7 @@ class DissolveParameters:
         unit="unit/s",
         range=(0.0, INF),
         uniform=True,
+        takes_mask=True,
     )
     spread: float = knob(
         30.0,
@@ -250,7 +269,11 @@ class DissolveParameters:
         unit="s",
         range=(0.0, INF),
         uniform=True,
+        takes_mask=True,
     )
     shrink: float = knob(
-        1.0, "fraction of their size that splats lose while they vanish", range=(0.0, 1.0)
+        1.0,
+        "fraction of their size that splats lose while they vanish",
+        range=(0.0, 1.0),
+        takes_mask=True,
     )

@@ -77,6 +77,12 @@ class SimParameters:
         uniform=True,
     )
     max_speed: float = knob(INF, "largest speed of a splat", unit="unit/s", range=(0.0, INF))
+    contact: float = knob(
+        1.0,
+        "whether affectors push splats: with a mask, those where it is above 0",
+        range=(0.0, 1.0),
+        takes_mask=True,
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -116,8 +122,10 @@ class RdParameters:
     preset: Literal[
         "custom", "spots", "worms", "labyrinth", "coral", "holes", "chaos", "uskate"
     ] = knob("custom", "a feed and a kill rate by name; custom uses rd:feed and rd:kill")
-    feed: float = knob(0.037, "feed rate F of u", range=(0.0, 0.1))
-    kill: float = knob(0.060, "kill rate k: decay of v in addition to F", range=(0.03, 0.075))
+    feed: float = knob(0.037, "feed rate F of u", range=(0.0, 0.1), takes_mask=True)
+    kill: float = knob(
+        0.060, "kill rate k: decay of v in addition to F", range=(0.03, 0.075), takes_mask=True
+    )
     diffusion_u: float = knob(0.16, "diffusion of u, in lattice units", range=(0.0, 0.25))
     diffusion_v: float = knob(
         0.08, "diffusion of v, in lattice units; patterns form at half of u's", range=(0.0, 0.25)
@@ -202,13 +210,19 @@ class GrowthParameters:
     """Growth, births and deaths by the pattern."""
 
     rate: float = knob(
-        0.0, "speed along the normal where v is high", unit="unit/s", range=(-INF, INF)
+        0.0,
+        "speed along the normal where v is high",
+        unit="unit/s",
+        range=(-INF, INF),
+        takes_mask=True,
     )
     v_min: float = knob(0.15, "v below which nothing grows, moves or is born", range=(0.0, 1.0))
     v_max: float = knob(
         0.35, "v above which growth and births have their full rate", range=(0.0, 1.0)
     )
-    birth_rate: float = knob(0.0, "births per splat where v is high", unit="1/s", range=(0.0, INF))
+    birth_rate: float = knob(
+        0.0, "births per splat where v is high", unit="1/s", range=(0.0, INF), takes_mask=True
+    )
     crowd_max: float = knob(
         1.25, "neighbours, as a fraction of neighbors:target, from which a splat has no children",
         range=(0.0, INF),
@@ -233,4 +247,5 @@ class GrowthParameters:
         0.0,
         "how far the drawn size follows the spacing: 0 not at all, 1 proportionally",
         range=(0.0, 1.0),
+        takes_mask=True,
     )

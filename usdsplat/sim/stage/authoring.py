@@ -10,8 +10,16 @@ from pxr import Gf, Sdf, Usd
 
 from usdsplat.core.errors import UsageError
 from usdsplat.core.knobs import Knob, knobs
-from usdsplat.sim.parameters import GROUPS, INSTANCED, NAMESPACE, camel, legal
+from usdsplat.sim.parameters import (
+    GROUPS,
+    INSTANCED,
+    NAMESPACE,
+    binding_of,
+    camel,
+    legal_value,
+)
 from usdsplat.sim.schema_source import MULTIPLE, SINGLE, usd_type
+from usdsplat.sim.stage.parameters import unbound
 
 SINGLE_APIS = {group: each.name for each in SINGLE for group in each.groups}
 """Group -> the API schema that has it; `sim` and `neighbors` belong to the type itself."""
@@ -32,8 +40,8 @@ def author(prim: Usd.Prim, values: Mapping[str, Any], *, time: float | None = No
             sample.
     """
     for name, value in values.items():
-        group, _, item = find(name)
-        taken = _legal(name, group, item, value)
+        _, _, item = find(name)
+        taken = legal_value(name, item, value)
         if time is not None and item.uniform:
             raise UsageError(name, f"a value at {time:g}", "one value for all times")
         attribute = declare(prim, name)
@@ -66,17 +74,24 @@ def relate(prim: Usd.Prim, name: str, target: Usd.Prim) -> None:
 
 
 def find(name: str) -> tuple[str, str, Knob]:
-    """Return group, instance and knob of a parameter.
+    """Return group, instance and knob of a parameter, or of the mask of a parameter.
 
     Raises:
         UsageError: If there is no such parameter.
     """
     group, _, rest = name.partition(":")
-    instance, _, last = rest.rpartition(":")
+    known = {**GROUPS, **INSTANCED}
+    bound = unbound(group, rest) if group in known else rest
+    instance, _, last = bound.rpartition(":")
     if (group in MULTIPLE_APIS) == bool(instance):
-        for item in knobs(_class(group)) if group in {**GROUPS, **INSTANCED} else ():
+        for item in knobs(known[group]) if group in known else ():
             if camel(item.name) == last:
-                return group, instance, item
+                if bound == rest:
+                    return group, instance, item
+                if item.takes_mask:
+                    return group, instance, binding_of(item)
+                expected = "a parameter that takes one, M in --list-parameters"
+                raise UsageError("parameter", f"a mask of {group}:{bound}", expected)
     near = difflib.get_close_matches(name, list(_names(instance or "NAME")), n=1, cutoff=0.5)
     expected = f"such as {near[0]}" if near else f"a name in {', '.join(GROUPS)}"
     raise UsageError("parameter", repr(name), expected)
@@ -88,8 +103,8 @@ def usd_value(name: str, value: Any) -> Any:
     Raises:
         UsageError: If there is no such parameter, or the value is out of range.
     """
-    group, _, item = find(name)
-    return _of_usd(item, _legal(name, group, item, value))
+    _, _, item = find(name)
+    return _of_usd(item, legal_value(name, item, value))
 
 
 def _names(instance: str) -> Iterator[str]:
@@ -97,18 +112,6 @@ def _names(instance: str) -> Iterator[str]:
     for group, cls in {**GROUPS, **INSTANCED}.items():
         lead = f"{group}:{instance}:" if group in MULTIPLE_APIS else f"{group}:"
         yield from (f"{lead}{camel(item.name)}" for item in knobs(cls))
-
-
-def _legal(name: str, group: str, item: Knob, value: Any) -> Any:
-    """Return a value as its knob's type; errors use the user's name for it."""
-    try:
-        return getattr(legal("", _class(group), {item.name: value}), item.name)
-    except UsageError as error:
-        raise UsageError(name, error.found, error.expected) from None
-
-
-def _class(group: str) -> type:
-    return {**GROUPS, **INSTANCED}[group]
 
 
 def _apply(prim: Usd.Prim, group: str, instance: str) -> None:
@@ -127,4 +130,6 @@ def _of_usd(item: Knob, value: Any) -> Any:
         return Gf.Vec3i(*value)
     if item.usd_type == "timecode":
         return Sdf.TimeCode(value)
+    if item.usd_type == "asset":
+        return Sdf.AssetPath(value)
     return list(value) if (item.usd_type or "").endswith("[]") else value

@@ -10,46 +10,43 @@ with Bake.open(stage, target, fields, times, parameters, provenance, resume=True
 
 from __future__ import annotations
 
+import itertools
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Protocol, Self
+from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
-from pxr import Sdf, Usd
+from pxr import Usd
 
-from usdsplat.core.errors import FormatError, StageError, UsageError
+from usdsplat.core.errors import StageError, UsageError
 from usdsplat.schema import tokens
 from usdsplat.sim import checkpoint as checkpoints
 from usdsplat.sim.checkpoint import Checkpoint
 from usdsplat.sim.parameters import BakeParameters
 from usdsplat.sim.stage import plan as plans
-from usdsplat.sim.stage.bake_dense import DenseAuthor, stop
-from usdsplat.sim.stage.bake_edit import EditAuthor
+from usdsplat.sim.stage.bake_authors import Author, author_of
+from usdsplat.sim.stage.bake_dense import stop
 from usdsplat.sim.stage.bake_layers import BakeLayers
-from usdsplat.sim.stage.bake_packed import PackedAuthor
-from usdsplat.sim.stage.epochs import Sample, samples
+from usdsplat.sim.stage.epochs import samples
+from usdsplat.sim.stage.extending import MERGED, extension, is_shorter, last_epoch
 from usdsplat.sim.stage.plan import BakedField, Plan
-from usdsplat.sim.stage.provenance import Provenance, read_record
-from usdsplat.sim.stage.sample_layer import SampleLayer, new_part
+from usdsplat.sim.stage.provenance import Provenance, known_record, parameter_hash
+from usdsplat.sim.stage.sample_layer import Part, new_part
 from usdsplat.sim.stage.spool import Spool, ids_of, match
 from usdsplat.sim.state import Frame, State
 
 _EXTRA = "bake:"
 
 
-class _Author(Protocol):
-    def write(self, part: SampleLayer, sample: Sample) -> None:
-        """Add a sample to a part."""
-
-
 @dataclass(slots=True, eq=False, kw_only=True)
 class _Field:
     plan: Plan
     spool: Spool
-    author: _Author
+    author: Author
 
 
 class Bake:
@@ -74,6 +71,12 @@ class Bake:
         self._is_new = False
         self._has_begun = False
         self._kept: dict[str, int] | None = None
+        self._merged: int | None = None
+        """Epochs whose samples are in the file of a shorter bake; None unless one is extended."""
+        self._shown = 0
+        """Frames of the shorter bake."""
+        self._start_hash = ""
+        self._keeps = True
         self.resumed: Checkpoint | None = None
         """Checkpoint to continue from: states after the frame `resumed.time`."""
         self.is_complete = False
@@ -90,8 +93,9 @@ class Bake:
         provenance: Provenance,
         *,
         resume: bool = False,
+        keeps_checkpoint: bool = True,
     ) -> Bake:
-        """Start or resume a bake. Nothing is written yet.
+        """Start, resume or extend a bake. Nothing is written yet.
 
         Args:
             stage: The simulated stage; it has a file, and is not changed.
@@ -101,8 +105,10 @@ class Bake:
             times: All frames, ascending, evenly spaced [time code].
             parameters: Mode and rates.
             provenance: What the bake is made of.
-            resume: Continue the bake at `target` from its last checkpoint. Without a bake, or
-                before its first checkpoint, start anew.
+            resume: Continue the bake at `target` from its last checkpoint, or a finished one of
+                fewer frames from the checkpoint that it keeps. Without a bake, or before its first
+                checkpoint, start anew.
+            keeps_checkpoint: Keep the checkpoint from which frames can be added.
 
         Raises:
             StageError: If a field cannot be baked in this mode, or the bake at `target` was made of
@@ -112,25 +118,22 @@ class Bake:
         """
         found = [plans.plan(stage, field, parameters) for field in fields]
         layers = BakeLayers(stage, Path(target), found)
-        known = _known(layers.target) if resume else None
-        if known is not None:
-            provenance.check(layers.target, known)
+        known = known_record(layers.target) if resume else None
         made = {
             plan.path: _Field(
                 plan=plan,
                 spool=Spool(layers.folder, f"{number:02d}", plan.keeping, plan.rest),
-                author=_author(stage, plan, parameters, times[0]),
+                author=author_of(stage, plan, parameters, times[0]),
             )
             for number, plan in enumerate(found)
         }
         bake = cls(layers, made, [float(time) for time in times], parameters, provenance)
-        if known is not None and not known.get("checkpoint"):
-            bake.is_complete = True
-            layers.end(keeps_clips=parameters.mode == "clips")
-        elif known is not None and layers.checkpoint.exists():
-            bake._restore(checkpoints.load(layers.checkpoint))
-        else:
+        bake._keeps = keeps_checkpoint
+        bake._start_hash = bake._hash_until(stage, last_epoch(len(times), parameters.clip_frames))
+        if known is None:
             bake._is_new = True
+        else:
+            bake._continue(stage, known)
         return bake
 
     @property
@@ -145,8 +148,17 @@ class Bake:
 
     def is_checkpoint_due(self, time: float) -> bool:
         """Return whether `checkpoint` must be called after a frame."""
+        return self._is_regular(time) or self._is_start(time)
+
+    def _is_regular(self, time: float) -> bool:
+        """Return whether an interrupted bake can be resumed after a frame."""
         done = self._times.index(time) + 1
         return done % self._parameters.checkpoint_every == 0 and done < len(self._times)
+
+    def _is_start(self, time: float) -> bool:
+        """Return whether frames can be added to the finished bake from a frame."""
+        start = last_epoch(len(self._times), self._parameters.clip_frames)
+        return self._keeps and self._times.index(time) == start
 
     def write(self, path: str, frame: Frame) -> None:
         """Write the next frame of a field, in the field's own space.
@@ -175,7 +187,7 @@ class Bake:
             self._write_epoch(range(end - self._parameters.clip_frames, end), is_closed=True)
 
     def checkpoint(self, time: float, states: Mapping[str, State]) -> None:
-        """Write a checkpoint, in place of the last one.
+        """Write a checkpoint, in place of the last one, or the one that a finished bake keeps.
 
         Args:
             time: Last frame that was written, of all fields [time code].
@@ -189,6 +201,10 @@ class Bake:
         where = Checkpoint(
             time=time, states=states, parameter_hash=self._provenance.param_hash, extras=extras
         )
+        if self._is_start(time):
+            checkpoints.save(self._layers.kept, replace(where, parameter_hash=self._start_hash))
+        if not self._is_regular(time):
+            return
         checkpoints.save(self._layers.checkpoint, where)
         self._remember()
         for field in self._fields.values():
@@ -216,8 +232,8 @@ class Bake:
         if is_clips:
             self._layers.show_clips(self._spans(), record)
         else:
-            self._layers.show_merged(self._epochs, record)
-        self._layers.end(keeps_clips=is_clips)
+            self._layers.show_merged(self._parts(), record)
+        self._layers.end(keeps_clips=is_clips, keeps_checkpoint=self._keeps)
         self.is_complete = True
         return self._layers.target
 
@@ -287,13 +303,33 @@ class Bake:
         self._present()
 
     def _present(self) -> None:
-        """Refer to the finished clips in the layer of results; the record is written last."""
+        """Refer to the finished clips in the layer of results; the record is written last. While a
+        bake is extended, its results stay until there are more."""
         done = min(self._epochs * self._parameters.clip_frames, len(self._times))
+        has_clips = self._parameters.mode == "clips"
+        is_earlier = self._merged is not None and (done < self._shown or not has_clips)
         name = self._layers.checkpoint
         record = self._provenance.record(
-            completed=done, checkpoint=f"./{name.parent.name}/{name.name}"
+            completed=self._shown if is_earlier else done,
+            checkpoint=f"./{name.parent.name}/{name.name}",
         )
-        self._layers.show_clips(self._spans(), record)
+        if self._merged is not None:
+            record[MERGED] = self._merged
+        if is_earlier:
+            self._layers.show_earlier(record, has_clips=has_clips)
+        else:
+            self._layers.show_clips(self._spans(), record)
+
+    def _parts(self) -> list[Part]:
+        """Return the samples of each epoch."""
+        size, merged = self._parameters.clip_frames, self._merged or 0
+        firsts = [-math.inf, *(self._times[size * number] for number in range(1, merged + 1))]
+        earlier = [
+            Part(path=self._layers.merged, first=first, end=end)
+            for first, end in itertools.pairwise(firsts)
+        ]
+        later = [Part(path=self._layers.clip(number)) for number in range(merged, self._epochs)]
+        return earlier + later
 
     def _spans(self) -> list[tuple[float, float]]:
         """Return the first time of each clip, and of the one after it [time code]."""
@@ -308,9 +344,39 @@ class Bake:
         step = self._times[-1] - self._times[-2] if len(self._times) > 1 else 1.0
         return self._times[-1] + step
 
-    def _restore(self, found: Checkpoint) -> None:
-        """Continue from a checkpoint."""
-        if found.parameter_hash != self._provenance.param_hash:
+    def _continue(self, stage: Usd.Stage, known: Mapping[str, Any]) -> None:
+        """Continue or extend the bake with a record; if it has no checkpoint yet, start anew."""
+        layers, size = self._layers, self._parameters.clip_frames
+        if is_shorter(known, self._times) and not known.get("checkpoint"):
+            start = last_epoch(self._times.index(float(known["frameRange"][1])) + 1, size)
+            found = extension(
+                layers.target, layers.kept, known, self._provenance, self._times,
+                self._hash_until(stage, start),
+            )  # fmt: skip
+            self._restore(found.start, found.start.parameter_hash)
+            self._merged, self._shown = self._epochs, found.completed
+            return
+        self._provenance.check(layers.target, known)
+        self._merged = known.get(MERGED)
+        self._shown = int(known.get("completedFrames", 0))
+        if not known.get("checkpoint"):
+            self.is_complete = True
+            layers.end(keeps_clips=self._parameters.mode == "clips", keeps_checkpoint=self._keeps)
+        elif layers.checkpoint.exists():
+            self._restore(checkpoints.load(layers.checkpoint), self._provenance.param_hash)
+        elif self._merged is not None:  # it was stopped before the first checkpoint of its own
+            kept = checkpoints.load(layers.kept)
+            self._restore(kept, self._hash_until(stage, self._times.index(kept.time)))
+        else:
+            self._is_new = True
+
+    def _hash_until(self, stage: Usd.Stage, index: int) -> str:
+        """Return the hash of the parameters at the frames up to one."""
+        return parameter_hash(stage, self._times[: index + 1])
+
+    def _restore(self, found: Checkpoint, parameters: str) -> None:
+        """Continue from a checkpoint that was made of parameters with this hash."""
+        if found.parameter_hash != parameters:
             raise StageError(
                 str(self._layers.checkpoint), "a checkpoint of other parameters", "this bake's"
             )
@@ -329,28 +395,3 @@ def _is_same(frame: Frame, field: _Field) -> bool:
     if len(frame.cloud) != len(field.plan.rest):
         return False
     return before is None or match(ids_of(before.frame), ids_of(frame)) is None
-
-
-def _author(stage: Usd.Stage, plan: Plan, parameters: BakeParameters, first: float) -> _Author:
-    """Return the author of a field in this mode."""
-    if parameters.mode == "edit":
-        return EditAuthor(plan, first)
-    if plan.is_packed:
-        return PackedAuthor(plan, stage.GetPrimAtPath(plan.path))
-    return DenseAuthor(plan)
-
-
-def _known(target: Path) -> Mapping[str, Any] | None:
-    """Return the record of the bake at a path, or None."""
-    if not target.exists():
-        return None
-    try:
-        layer = Sdf.Layer.OpenAsAnonymous(str(target))
-    except RuntimeError as error:  # pxr's error for a file that cannot be read
-        raise FormatError(str(target), "a damaged file", "a layer of results") from error
-    record = read_record(layer)
-    if record is None:
-        raise StageError(
-            str(target), "a layer that is not a bake", "a bake to resume, or a new name"
-        )
-    return record

@@ -5,6 +5,7 @@
     bake_data/clips.usda    the clips as one layer of opinions
     bake_data/manifest.usda which attributes are in the clips
     bake_data/samples.usdc  all samples; written at the end, except in mode clips
+    bake_data/kept_checkpoint   state at the first frame of the last epoch, to add frames from
     bake_data/refined.usdc  the refined captures, below the samples; only if there are some
     bake_data/checkpoint, bake_data/*.frame     state to resume from; removed at the end
 
@@ -34,14 +35,16 @@ from usdsplat.core.readable import check_referable, readable
 from usdsplat.schema import tokens
 from usdsplat.schema.usd_files import export_layer
 from usdsplat.schema.value_clips import stage_files
+from usdsplat.sim.checkpoint import time_of
 from usdsplat.sim.stage import refined_layer
 from usdsplat.sim.stage.bake_findings import is_unfinished
 from usdsplat.sim.stage.plan import Plan
 from usdsplat.sim.stage.provenance import nested
-from usdsplat.sim.stage.sample_layer import declare, merge, sampled
+from usdsplat.sim.stage.sample_layer import Part, declare, merge, sampled
 
 _CLIPS = ("clip.*.usdc", "clips.usda", "manifest.usda")
 _WORK = ("checkpoint", "*.frame")
+_KEPT = "kept_checkpoint"
 REFINED = "refined.usdc"
 _DATA = ("samples.usdc", REFINED)
 
@@ -64,6 +67,16 @@ class BakeLayers:
         return self.folder / "checkpoint"
 
     @property
+    def kept(self) -> Path:
+        """Path of the checkpoint from which frames can be added, whether it exists or not."""
+        return self.folder / _KEPT
+
+    @property
+    def merged(self) -> Path:
+        """Path of the file of all samples, whether it exists or not."""
+        return self.folder / "samples.usdc"
+
+    @property
     def refined(self) -> Path:
         """Path of the refined captures, whether there are some or not."""
         return self.folder / REFINED
@@ -79,13 +92,15 @@ class BakeLayers:
         except OSError as error:
             found = error.strerror or str(error)
             raise OutputError(str(self.folder), found, "a folder that can be made") from error
-        self._remove((*_CLIPS, *_WORK, *_DATA))
+        self._remove((*_CLIPS, *_WORK, _KEPT, *_DATA))
         if self._refined is not None:
             export_layer(self._refined, self.refined)
 
-    def end(self, *, keeps_clips: bool) -> None:
+    def end(self, *, keeps_clips: bool, keeps_checkpoint: bool = True) -> None:
         """Remove everything that the named layer does not need."""
         self._remove(_WORK if keeps_clips else (*_CLIPS, *_WORK))
+        if not keeps_checkpoint:
+            self._remove((_KEPT,))
 
     def discard(self) -> None:
         """Remove an unfinished named layer and the folder. Complete ones stay: then only the error
@@ -101,7 +116,7 @@ class BakeLayers:
                 self.end(keeps_clips=not os.path.exists(data[0]))
             return
         with suppress(OSError):
-            self._remove((*_CLIPS, *_WORK, *_DATA))
+            self._remove((*_CLIPS, *_WORK, _KEPT, *_DATA))
             self.folder.rmdir()
         if is_ours:
             with suppress(OSError):
@@ -141,15 +156,18 @@ class BakeLayers:
             export_layer(layer, self.folder / "clips.usda")
             self._write_root([self.folder / "clips.usda"], record)
 
-    def show_merged(self, clips: int, record: Mapping[str, Any]) -> None:
-        """Write the named layer over one file of all samples."""
-        merged = self.folder / "samples.usdc"
+    def show_earlier(self, record: Mapping[str, Any], *, has_clips: bool) -> None:
+        """Write the named layer over the results of a bake that frames are added to."""
+        self._write_root([self.folder / "clips.usda" if has_clips else self.merged], record)
+
+    def show_merged(self, parts: Sequence[Part], record: Mapping[str, Any]) -> None:
+        """Write the named layer over one file of the samples of all parts."""
         # At the default time, the arrays of the packed type have no value. Positions must not have
         # one either, or the prim would be inconsistent there.
         retyped = [f"{plan.path}.{tokens.POSITIONS}" for plan in self._plans if plan.retype]
         with output_group():
-            merge([self.clip(number) for number in range(clips)], merged, retyped)
-            self._write_root([merged], record)
+            merge(parts, self.merged, self.rate, retyped)
+            self._write_root([self.merged], record)
 
     def _remove(self, patterns: Sequence[str]) -> None:
         """Remove files of a bake."""
@@ -202,6 +220,21 @@ class BakeLayers:
             raise OutputError(str(self.folder), found, "a folder that can be made")
         if self.target.suffix != ".usda":
             raise StageError(str(self.target), f"the suffix {self.target.suffix!r}", ".usda")
+
+
+def resume_frame(target: Path) -> float | None:
+    """Return the frame after which an interrupted bake can be continued; None before its first
+    checkpoint."""
+    folder = target.with_name(f"{target.stem}_data")
+    names = ["checkpoint"]
+    try:
+        names += [_KEPT] if is_unfinished(target) else []
+        for name in names:
+            if (folder / name).is_file():
+                return time_of(folder / name)
+    except (OSError, Tf.ErrorException, FormatError):
+        pass  # damaged, or another program's
+    return None
 
 
 def refined_of(target: Path) -> Sdf.Layer | None:

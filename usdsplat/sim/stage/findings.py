@@ -8,7 +8,7 @@ from pxr import Usd
 
 from usdsplat.core.findings import Finding, finding
 from usdsplat.schema.values import value
-from usdsplat.sim.parameters import GROUPS, NAMESPACE
+from usdsplat.sim.parameters import GROUPS, MASK, NAMED, NAMESPACE
 from usdsplat.sim.stage import collections
 from usdsplat.sim.stage.parameters import instances, unread
 
@@ -20,7 +20,7 @@ def findings(simulation: Usd.Prim, affectors: Iterable[Usd.Prim]) -> list[Findin
     """Return findings on unused properties of a SplatSim prim and its affectors, and on requests
     that cannot be met."""
     return [
-        *unread(simulation, (*GROUPS, "deform", "driver")),
+        *unread(simulation, (*GROUPS, *NAMED)),
         *(each for prim in affectors for each in unread(prim, ("affector",))),
         *(
             finding(
@@ -61,6 +61,7 @@ def _findings(simulation: Usd.Prim) -> Iterator[tuple[str, str, str]]:
                     "a driver without a pattern",
                     "splatSim:rd:enabled on, or another source",
                 )
+    yield from _mask_findings(simulation)
     target = simulation.GetRelationship(f"{NAMESPACE}:conform:target")
     has_target = bool(target and target.GetForwardedTargets())
     if has_target != _ever(simulation, "conform:weight"):
@@ -76,6 +77,21 @@ def _findings(simulation: Usd.Prim) -> Iterator[tuple[str, str, str]]:
     if mesh and mesh.HasAuthoredTargets() and not (skeleton and skeleton.HasAuthoredTargets()):
         where = f"{NAMESPACE}:skin:skeleton"
         yield where, "none, and a mesh to take it from", "the skeleton that the mesh is bound to"
+
+
+def _mask_findings(simulation: Usd.Prim) -> Iterator[tuple[str, str, str]]:
+    """Yield (property, found, expected) about masks that have no effect."""
+    now = Usd.TimeCode.Default()
+    reacts = _ever(simulation, "rd:enabled")
+    bound = simulation.GetAttribute(f"{NAMESPACE}:dissolve:by:{MASK}")
+    by = value(simulation.GetAttribute(f"{NAMESPACE}:dissolve:by"), now)
+    if bound and value(bound, now) and by != "mask":
+        yield f"{NAMESPACE}:dissolve:by:{MASK}", "a mask and another order", "dissolve:by mask"
+    for name in instances(simulation, "mask"):
+        lead = f"{NAMESPACE}:mask:{name}"
+        source = value(simulation.GetAttribute(f"{lead}:source"), now)
+        if source in _PATTERN and not reacts:
+            yield f"{lead}:source", "a mask without a pattern", "splatSim:rd:enabled on"
 
 
 def _ever(simulation: Usd.Prim, name: str) -> bool:

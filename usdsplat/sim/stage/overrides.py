@@ -58,7 +58,12 @@ def _value(item: Knob, typed: str, text: str) -> Any:
 def _parsed(kind: Any, typed: str) -> Any:
     if get_origin(kind) is tuple:
         first = get_args(kind)[0]
-        return tuple(_parsed(first, part) for part in typed.split(",") if part)
+        parts = [part for part in typed.split(",") if part]
+        if get_origin(first) is tuple:  # numbers of all vectors, one after another
+            size = len(get_args(first))
+            rows = range(0, len(parts), size)
+            return tuple(_parsed(first, ",".join(parts[row : row + size])) for row in rows)
+        return tuple(_parsed(first, part) for part in parts)
     if kind is bool:
         return _BOOLS[typed.lower()]
     return kind(typed) if kind in (int, float) else typed

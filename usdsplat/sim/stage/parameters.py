@@ -17,14 +17,27 @@ from usdsplat.core.errors import StageError, UsageError
 from usdsplat.core.findings import Finding, finding
 from usdsplat.core.knobs import Knob, knobs
 from usdsplat.schema.values import value
-from usdsplat.sim.parameters import GROUPS, INSTANCED, NAMESPACE, Parameters, camel, legal_value
+from usdsplat.sim.parameters import (
+    GROUPS,
+    INSTANCED,
+    MASK,
+    NAMED,
+    NAMESPACE,
+    Parameters,
+    camel,
+    legal_value,
+)
 
 T = TypeVar("T")
 
 RELATIONSHIPS = ("relax:surface", "conform:target", "skin:skeleton", "skin:mesh")
 """Relationships of a simulation, without the namespace."""
-FRAME = "frame"
-"""Relationship of a deformer."""
+FRAME, REGION = "frame", "region"
+"""Relationships of deformers and masks."""
+NAMED_RELATIONSHIPS = {"deform": (FRAME,), "driver": (), "mask": (FRAME, REGION)}
+"""Group whose instances have names -> their relationships, without the name."""
+APIS = {"deform": "SplatDeformerAPI", "driver": "SplatDriverAPI", "mask": "SplatSimMaskAPI"}
+"""Group whose instances have names -> their API schema."""
 DOUBLE = (Sdf.ValueTypeNames.Double, Sdf.ValueTypeNames.TimeCode)
 
 
@@ -81,16 +94,33 @@ def read_one(prim: Usd.Prim, item: Knob, name: str, time: Usd.TimeCode) -> Any:
 
 
 def instances(prim: Usd.Prim, group: str) -> list[str]:
-    """Return the names of a prim's deformers or drivers, sorted: those applied and those with
-    attributes."""
-    schema = {"deform": "SplatDeformerAPI", "driver": "SplatDriverAPI"}[group]
+    """Return the names of a prim's deformers, drivers or masks, sorted: those applied and those
+    with attributes."""
+    schema = APIS[group]
     applied = prim.GetPrimTypeInfo().GetAppliedAPISchemas()
     names = {each.partition(":")[2] for each in applied if each.startswith(f"{schema}:")}
     lead = f"{NAMESPACE}:{group}:"
     for name in prim.GetAuthoredPropertyNames():
         if name.startswith(lead) and ":" in name[len(lead) :]:
-            names.add(name[len(lead) :].rpartition(":")[0])
+            rest = unbound(group, name[len(lead) :])
+            names.add(rest.rpartition(":")[0])
     return sorted(names)
+
+
+def unbound(group: str, rest: str) -> str:
+    """Return the name of a parameter, for that of the attribute that names its mask, whether it can
+    take one or not; other names as they are.
+
+    Args:
+        group: Parameter group.
+        rest: Name without the group, such as "bend:weight:mask" or "rate:mask".
+    """
+    before, _, last = rest.rpartition(":")
+    instance, _, name = before.rpartition(":")
+    if last != MASK or bool(instance) != (group in NAMED):
+        return rest
+    known = {camel(item.name) for item in knobs({**GROUPS, **INSTANCED}[group])}
+    return before if name in known else rest
 
 
 def unread(prim: Usd.Prim, groups: Iterable[str]) -> list[Finding]:
@@ -107,7 +137,10 @@ def unread(prim: Usd.Prim, groups: Iterable[str]) -> list[Finding]:
         if not name.startswith(f"{NAMESPACE}:"):
             continue
         where = f"{prim.GetPath()}.{name}"
-        if name not in known:
+        if name not in known and name.removesuffix(f":{MASK}") in known:
+            found = f"a mask of {name.removesuffix(f':{MASK}').removeprefix(f'{NAMESPACE}:')}"
+            said.append(finding("not-masked", where, found, "a mask of a parameter that takes one"))
+        elif name not in known:
             near = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
             meant = f"such as {near[0]}" if near else f"one of {NAMESPACE}:{{{','.join(groups)}}}:"
             said.append(finding("unknown-name", where, "an unknown property", meant))
@@ -122,12 +155,15 @@ def _known(prim: Usd.Prim, groups: Iterable[str]) -> dict[str, bool]:
     for group in groups:
         cls = {**GROUPS, **INSTANCED}[group]
         leads = [f"{NAMESPACE}:{group}"]
-        if group in ("deform", "driver"):
+        if group in NAMED:
             leads = [f"{leads[0]}:{name}" for name in instances(prim, group)]
         for lead in leads:
-            known.update({f"{lead}:{camel(item.name)}": item.uniform for item in knobs(cls)})
-            if group == "deform":
-                known[f"{lead}:{FRAME}"] = False
+            for item in knobs(cls):
+                known[f"{lead}:{camel(item.name)}"] = item.uniform
+                if item.takes_mask:
+                    known[f"{lead}:{camel(item.name)}:{MASK}"] = True
+            for name in NAMED_RELATIONSHIPS.get(group, ()):
+                known[f"{lead}:{name}"] = False
     known.update(
         {f"{NAMESPACE}:{name}": False for name in RELATIONSHIPS if name.split(":")[0] in groups}
     )
@@ -151,6 +187,8 @@ def _plain(found: Any, *, single: bool) -> Any:
         return found
     if isinstance(found, Sdf.TimeCode):
         return float(found.GetValue())
+    if isinstance(found, Sdf.AssetPath):
+        return str(found.path)
     if isinstance(found, float):
         # str() depends on numpy.set_printoptions
         return float(np.format_float_scientific(np.float32(found))) if single else found

@@ -17,17 +17,22 @@ import numpy as np
 from pxr import Sdf, Usd, Vt
 
 from usdsplat import __version__
-from usdsplat.core.errors import StageError
+from usdsplat.core.errors import FormatError, StageError
+from usdsplat.core.progress import phase
 from usdsplat.schema.value_clips import clip_files, file_of, layers_without_clips
 from usdsplat.sim.parameters import NAMESPACE
 from usdsplat.sim.stage.recipe import UNGUARDED
 
 KEY = ("usdsplat", "bake")
 """Key in customData and customLayerData, "usdsplat:bake" in USD's spelling."""
+_BLOCK = 1 << 24
+"""Bytes of a file that are hashed between reports of progress."""
 _DIGITS = 12
 """Hexadecimal digits of the digest of one parameter."""
 _TYPES: dict[str, type] = {
     "completedFrames": int,
+    "mergedEpochs": int,
+    "features": Vt.StringArray,
     "frameRange": Vt.DoubleArray,
     "inputHash": Vt.StringArray,
     "parameters": Vt.StringArray,
@@ -56,6 +61,8 @@ class Provenance:
     mode: str
     threads: int
     """Number of threads; does not influence the result."""
+    features: tuple[str, ...] = ()
+    """What the simulation prepares for each field, "path: features"; it depends on all frames."""
     resolved: dict[str, dict[str, float]] = field(default_factory=dict)
     """Values of automatic parameters, by field; filled in when they are known."""
 
@@ -82,11 +89,17 @@ class Provenance:
             "numba": importlib.metadata.version("numba"),
             "usd": ".".join(str(each) for each in Usd.GetVersion()[1:]),
             "checkpoint": checkpoint,
+            "features": Vt.StringArray(list(self.features)),
             "resolved": {path: dict(found) for path, found in self.resolved.items()},
         }
 
-    def check(self, target: Path, other: Mapping[str, Any]) -> None:
+    def check(self, target: Path, other: Mapping[str, Any], *, without: Sequence[str] = ()) -> None:
         """Compare with the record of a bake that is to be resumed.
+
+        Args:
+            target: The bake.
+            other: Its record.
+            without: Entries that may differ.
 
         Raises:
             StageError: If it was made of something else; the message names the difference.
@@ -103,6 +116,8 @@ class Provenance:
             "inputHash": "input files",
         }
         for key, name in names.items():
+            if key in without:
+                continue
             if _plain(other.get(key)) == _plain(mine[key]):
                 continue
             found = f"other {name}" if "Hash" in key else f"another {name}"
@@ -184,10 +199,17 @@ def input_hash(
             elif not layer.empty:
                 digest = hashlib.sha256(layer.ExportToString().encode()).hexdigest()
                 lines.append((layer.GetDisplayName(), digest))
-    for path in files:
-        with path.open("rb") as file:
-            digest = hashlib.file_digest(file, "sha256").hexdigest()
-        lines.append((os.path.relpath(path, root), digest))
+    total = sum(path.stat().st_size for path in files)
+    with phase("hashing the inputs", total=max(math.ceil(total / _BLOCK), 1)) as hashing:
+        read = 0
+        for path in sorted(files):
+            content = hashlib.sha256()
+            with path.open("rb") as file:
+                while block := file.read(_BLOCK):
+                    content.update(block)
+                    read += len(block)
+                    hashing.step(read // _BLOCK)
+            lines.append((os.path.relpath(path, root), content.hexdigest()))
     return tuple(f"{digest}  {name}" for name, digest in sorted(lines))
 
 
@@ -197,6 +219,22 @@ def read_record(layer: Sdf.Layer) -> Mapping[str, Any] | None:
     for key in KEY:
         entry = entry.get(key) if isinstance(entry, Mapping) else None
     return well_typed(entry) if isinstance(entry, Mapping) else None
+
+
+def known_record(target: Path) -> Mapping[str, Any] | None:
+    """Return the record of the bake at a path, or None."""
+    if not target.exists():
+        return None
+    try:
+        layer = Sdf.Layer.OpenAsAnonymous(str(target))
+    except RuntimeError as error:  # pxr's error for a file that cannot be read
+        raise FormatError(str(target), "a damaged file", "a layer of results") from error
+    record = read_record(layer)
+    if record is None:
+        raise StageError(
+            str(target), "a layer that is not a bake", "a bake to resume, or a new name"
+        )
+    return record
 
 
 def well_typed(record: Mapping[str, Any]) -> dict[str, Any]:

@@ -35,6 +35,7 @@ from usdsplat.sim.stage.binding import SKELETON, BindingReader
 from usdsplat.sim.stage.captures import TARGET, target_capture, with_degree
 from usdsplat.sim.stage.collections import find_simulations
 from usdsplat.sim.stage.findings import findings
+from usdsplat.sim.stage.masks import MaskReader
 from usdsplat.sim.stage.parameters import FRAME, instances, read, read_all
 from usdsplat.sim.stage.skeletons import Rigs
 from usdsplat.sim.stage.spaces import Space, up_in
@@ -134,6 +135,7 @@ class StageRecipe:
             for name in instances(simulation, "deform")
         }
         self._drivers = instances(simulation, "driver")
+        self._masks = MaskReader(simulation, field, len(self._rest), self._space, rigs, members)
         self._skin = self._bind()
         self.codes_per_second = float(stage.GetTimeCodesPerSecond())
         """Time codes per second."""
@@ -155,6 +157,12 @@ class StageRecipe:
         return self._selection
 
     @property
+    def files(self) -> tuple[str, ...]:
+        """Resolved paths of files that no layer of the stage is: chunks of a tree, and those that
+        masks have been read from."""
+        return (*(self.cut.files if self.cut else ()), *self._masks.files)
+
+    @property
     def binding(self) -> SkinBinding | None:
         """Binding of the field to a skeleton, or None."""
         return self._skin.binding if self._skin else None
@@ -167,10 +175,15 @@ class StageRecipe:
         """
         with self._reading:
             code = Usd.TimeCode(time)
+            masks, masked = self._masks.at(code)
+            parameters = self.parameters(time)
+            if parameters.dissolve.by == "mask" and "dissolve:by" not in masked:
+                where = f"{self.simulation}.{NAMESPACE}:dissolve:by"
+                raise StageError(where, "mask, and no mask of it", f"{where}:mask with a name")
             to_world = self._space.to_world(code)
             return Moment(
                 time=time,
-                parameters=self.parameters(time),
+                parameters=parameters,
                 to_world=to_world,
                 up=up_in(to_world, up_axis(self._simulation.GetStage())),
                 affectors=tuple(each.at(code) for each in self._affectors),
@@ -181,6 +194,8 @@ class StageRecipe:
                 deformers=self._deformers(code),
                 drivers=tuple(self._driver(name, code) for name in self._drivers),
                 skin=self._skin.at(code) if self._skin else None,
+                masks=masks,
+                masked=masked,
             )
 
     def parameters(self, time: float) -> Parameters:
@@ -233,11 +248,6 @@ class StageRecipe:
         lead = f"{NAMESPACE}:deform:{name}"
         asked = read(self._simulation, DeformParameters, lead, code)
         prim = self._frames[name]
-        mask = None
-        if asked.mask:
-            mask = fields.per_splat(self._field, asked.mask, len(self._rest), code)
-            if mask is None:
-                raise fields.missing(self._simulation, f"{lead}:mask", asked.mask, self._field)
         frame = self._space.from_prim(prim, code) if prim else np.eye(4)
         where = f"{self._simulation.GetPath()}.{lead}"
         if not abs(np.linalg.det(frame[:3, :3])) > 0:
@@ -248,7 +258,7 @@ class StageRecipe:
         if asked.type == "lattice" and len(asked.points) not in (0, count):
             found = f"{len(asked.points)} points"
             raise StageError(f"{where}:points", found, f"{count}, as many as divisions say")
-        return Deformer(name=name, parameters=asked, frame=frame, mask=mask)
+        return Deformer(name=name, parameters=asked, frame=frame)
 
     def _driver(self, name: str, code: Usd.TimeCode) -> Driver:
         lead = f"{NAMESPACE}:driver:{name}"

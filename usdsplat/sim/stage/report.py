@@ -22,6 +22,8 @@ class Report:
     """Median of all frames but the first [s]."""
     stages: dict[str, float] = field(default_factory=dict)
     """Seconds of each stage of the solver, and of writing."""
+    phases: dict[str, float] = field(default_factory=dict)
+    """Seconds of each phase of the preparation and of the whole run, without those in it."""
     megabytes: float = 0.0
     """Peak memory of the process."""
 

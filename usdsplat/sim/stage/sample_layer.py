@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-import shutil
+import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from pxr import Sdf, Tf, UsdUtils
 
 from usdsplat.core.output import OutputFile, output_file
+from usdsplat.core.progress import steps
 from usdsplat.schema.usd_files import is_whole_usd, new_layer, save_layer
 
 _UPGRADE = "requires crate version"
@@ -84,8 +86,9 @@ def new_part(target: Path, rate: float) -> Iterator[SampleFile]:
         del part
 
 
-def declare(source: Sdf.Layer, target: Sdf.Layer) -> None:
-    """Copy all opinions of `source` to `target`, except time samples."""
+def declare(source: Sdf.Layer, target: Sdf.Layer, without: Sequence[str] = ()) -> None:
+    """Copy all opinions of `source` to `target`, except time samples and the default values of the
+    attributes `without`."""
 
     def visit(path: Sdf.Path) -> None:
         if not path.IsPrimPath():
@@ -103,7 +106,7 @@ def declare(source: Sdf.Layer, target: Sdf.Layer) -> None:
                 for key in sorted(spec.ListInfoKeys()):
                     if key not in ("timeSamples", "typeName", "variability", "default"):
                         new.SetInfo(key, spec.GetInfo(key))
-                if spec.HasDefaultValue():
+                if spec.HasDefaultValue() and str(spec.path) not in without:
                     new.default = spec.default  # SetInfo would take tokens for strings
             else:
                 Sdf.CopySpec(source, spec.path, target, spec.path)
@@ -111,33 +114,52 @@ def declare(source: Sdf.Layer, target: Sdf.Layer) -> None:
     source.Traverse(Sdf.Path.absoluteRootPath, visit)
 
 
-def merge(parts: Sequence[Path], target: Path, silenced: Sequence[str] = ()) -> None:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Part:
+    """Samples of a file from one time to another."""
+
+    path: Path
+    first: float = -math.inf
+    """First time [time code]."""
+    end: float = math.inf
+    """Time of the first sample after the last one [time code]."""
+
+
+def merge(parts: Sequence[Part], target: Path, rate: float, silenced: Sequence[str] = ()) -> None:
     """Merge the samples of several parts into one file.
 
+    The bytes of the file depend on the samples of each part only, not on the files that they are
+    in.
+
     Args:
-        parts: In order of time, at least one.
+        parts: In order of time, at least one; they may be in the file that is replaced.
         target: A .usdc.
+        rate: Time codes per second.
         silenced: Attributes whose default values in weaker layers are blocked.
 
     Raises:
         OutputError: If it cannot be written.
     """
-    first, *others = parts
     with output_file(target, is_whole=is_whole_usd) as output:
-        shutil.copyfile(first, output.path)  # samples of the others are added one by one
-        whole = SampleFile(Sdf.Layer.FindOrOpen(output.text), output)
-        for other in others:
-            part = Sdf.Layer.OpenAsAnonymous(str(other))
-            declare(part, whole.layer)
-            for attribute in sampled(part):
-                for time in part.ListTimeSamplesForPath(attribute):
-                    value = part.QueryTimeSample(attribute, time)
-                    whole.layer.SetTimeSample(attribute, time, value)
+        whole = SampleFile(new_layer(output.path, output), output)
+        whole.layer.timeCodesPerSecond = rate
+        for number in steps("merging the samples", len(parts)):
+            _append(whole.layer, parts[number], silenced)
             whole.save()
         for name in silenced:
             whole.layer.GetAttributeAtPath(name).default = Sdf.ValueBlock()
         whole.save()
         del whole
+
+
+def _append(whole: Sdf.Layer, part: Part, silenced: Sequence[str]) -> None:
+    """Append the samples of a part."""
+    layer = Sdf.Layer.OpenAsAnonymous(str(part.path))
+    declare(layer, whole, silenced)
+    for attribute in sampled(layer):
+        for time in layer.ListTimeSamplesForPath(attribute):
+            if part.first <= time < part.end:
+                whole.SetTimeSample(attribute, time, layer.QueryTimeSample(attribute, time))
 
 
 def sampled(layer: Sdf.Layer) -> list[Sdf.Path]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +16,7 @@ from usdsplat.core.findings import Findings, finding
 from usdsplat.core.folders import made_folder
 from usdsplat.core.lock import output_lock
 from usdsplat.core.output import Existing
-from usdsplat.core.progress import Progress, silent
+from usdsplat.core.progress import Progress, Rates, phase, reporting, silent
 from usdsplat.core.wording import counted
 from usdsplat.kernels.compiling import compile_time
 from usdsplat.kernels.device import Device
@@ -29,6 +29,7 @@ from usdsplat.sim.stage.recipe import UNGUARDED
 from usdsplat.sim.stage.refinement import Refining
 from usdsplat.sim.stage.report import Clock, Report, peak_memory
 from usdsplat.sim.stage.simulation import Simulation, baked_fields
+from usdsplat.sim.uses import Uses
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -40,8 +41,10 @@ class SimulateOptions:
     threads: int | None = None
     """Threads of a device that is given by name; None is all."""
     existing: Existing = "error"
-    """What to do with a bake at the target: raise, continue from its last checkpoint, or replace
-    it."""
+    """What to do with a bake at the target: raise, continue from its last checkpoint or extend it,
+    or replace it."""
+    keeps_checkpoint: bool = True
+    """Whether a finished bake keeps the checkpoint from which frames can be added."""
 
 
 SIMULATE = SimulateOptions()
@@ -56,6 +59,7 @@ def simulate(
     progress: Progress = silent,
     findings: Findings | None = None,
     reading: AbstractContextManager[Any] = UNGUARDED,
+    rates: Path | None = None,
 ) -> Report:
     """Simulate a stage and bake the result.
 
@@ -65,9 +69,11 @@ def simulate(
             made.
         frames: Every frame, ascending, one apart [time code].
         options: Device, and what to do with an existing bake.
-        progress: Receives each finished frame.
+        progress: Receives the phases of the preparation, and each finished frame.
         findings: Receives what the stage asks for and does not get, and messages.
         reading: Entered while the stage is read, as in `Simulation`.
+        rates: File with the rates at which this machine did such phases before, to estimate the
+            time that is left; None keeps none.
 
     Raises:
         UsdSplatError: If something cannot be simulated, written or resumed, or another process
@@ -83,23 +89,31 @@ def simulate(
             device = open_device(device, threads=options.threads, task="geometry")
         if device.remark:
             findings.say(device.remark)
+        known = Rates(rates, f"{device.name}, {device.threads} threads")
         try:
-            known = refined_of(target) if options.existing == "resume" else None
-            simulation = Simulation(
-                stage, frames, device=device, lap=clock.lap, reading=reading,
-                refining=Refining(known=known),
-            )  # fmt: skip
-            bake, provenance = _open_bake(simulation, target, resume=options.existing == "resume")
-            findings.extend(simulation.findings)
-            report = _run(simulation, bake, provenance, clock, progress, findings)
+            refined = refined_of(target) if options.existing == "resume" else None
+            with reporting(progress, rates=known, compiled=compiled) as spent:
+                simulation = Simulation(
+                    stage, frames, device=device, lap=clock.lap, reading=reading,
+                    refining=Refining(known=refined),
+                )  # fmt: skip
+                bake, provenance = _open_bake(
+                    simulation, target, resume=options.existing == "resume",
+                    keeps=options.keeps_checkpoint,
+                )  # fmt: skip
+                findings.extend(simulation.findings)
+                report = _run(simulation, bake, provenance, clock, findings)
         finally:
             if device is not options.device:
                 device.close()
         report.stages["compiling"] = round(compiled(), 3)
+        report.phases.update({name: round(value, 3) for name, value in spent.items()})
     return report
 
 
-def _open_bake(simulation: Simulation, target: Path, *, resume: bool) -> tuple[Bake, Provenance]:
+def _open_bake(
+    simulation: Simulation, target: Path, *, resume: bool, keeps: bool
+) -> tuple[Bake, Provenance]:
     """Open the bake of a simulation, and find what it is made of."""
     parameters = _common(simulation)
     provenance = _provenance(simulation, parameters)
@@ -112,6 +126,7 @@ def _open_bake(simulation: Simulation, target: Path, *, resume: bool) -> tuple[B
             parameters.bake,
             provenance,
             resume=resume,
+            keeps_checkpoint=keeps,
         )
     return bake, provenance
 
@@ -121,7 +136,6 @@ def _run(
     bake: Bake,
     provenance: Provenance,
     clock: Clock,
-    progress: Progress,
     findings: Findings,
 ) -> Report:
     """Simulate the frames that a bake lacks, and write them."""
@@ -129,14 +143,13 @@ def _run(
     states = None if bake.resumed is None else dict(bake.resumed.states)
     left = list(bake.left)
     if left:
-        progress.step("beginning", 0, 0)
-        simulation.begin(states)
+        with phase("beginning"):
+            simulation.begin(states)
         provenance.resolved.update({path: simulation.resolved(path) for path in simulation.recipes})
         findings.extend(simulation.findings)
     findings.check()
-    with bake:
+    with bake, phase("simulating", total=len(left)) as simulating:
         for number, frame in enumerate(left):
-            progress.step("simulating", number, len(left))
             start = clock.now
             if number or states is not None:
                 simulation.advance()
@@ -147,7 +160,7 @@ def _run(
                 bake.checkpoint(frame, simulation.checkpoint())
                 clock.lap("checkpoints")
             spent.append(clock.now - start)
-            progress.step("simulating", number + 1, len(left))
+            simulating.step(number + 1)
     clock.lap("writing")
     for path, solver in simulation.solvers.items():
         if solver.trapped:
@@ -186,11 +199,22 @@ def _provenance(simulation: Simulation, parameters: Parameters) -> Provenance:
     return Provenance(
         param_hash=opinions,
         parameters=lines,
-        input_hash=input_hash(stage, [edits], simulation.chunks, reading=simulation.reading),
+        input_hash=input_hash(stage, [edits], simulation.files, reading=simulation.reading),
         seed=sim.seed,
         substeps=sim.substeps,
         dt=1.0 / (rate * sim.substeps),
         frame_range=(frames[0], frames[-1]),
         mode=parameters.bake.mode,
         threads=simulation.device.threads,
+        features=tuple(sorted(_features(simulation))),
     )
+
+
+def _features(simulation: Simulation) -> Iterator[str]:
+    """Yield "path: feature" for each feature that the simulation prepares for a field."""
+    for path, uses in simulation.uses.items():
+        for name in Uses.__dataclass_fields__:
+            if getattr(uses, name):
+                yield f"{path}: {name}"
+        for array in simulation.transformed[path]:
+            yield f"{path}: {array} in another space"

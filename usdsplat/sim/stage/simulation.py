@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import replace
 from typing import Any
@@ -13,6 +14,7 @@ from pxr import Usd
 from usdsplat.core.cloud import I64
 from usdsplat.core.errors import StageError
 from usdsplat.core.findings import Finding
+from usdsplat.core.progress import Phase, phase
 from usdsplat.kernels.device import Device
 from usdsplat.sim.solver import Solver
 from usdsplat.sim.stage import refined_layer
@@ -63,29 +65,33 @@ class Simulation:
         """The stage without refined captures."""
         self.frames, self.device, self.reading = frames, device, reading
         self._lap = lap
-        with reading:
+        with phase("reading the captures"), reading:
             self.recipes = _recipes(stage, frames[0], reading, kind)
-        self.chunks = tuple(
-            file for each in self.recipes.values() if each.cut for file in each.cut.files
-        )
-        """Resolved paths of the chunks of splat trees that are simulated."""
         self._said = tuple(each for recipe in self.recipes.values() for each in recipe.findings)
         self.uses: dict[str, Uses] = {}
         self.transformed: dict[str, frozenset[str]] = {}
         """Arrays that change because a field moves in the simulation's space, by field."""
-        for path, recipe in self.recipes.items():
+        with phase("reading the stage", total=len(self.recipes) * len(frames)) as looked:
+            self._look(frames, looked)
+        self.files = tuple(file for each in self.recipes.values() for file in each.files)
+        """Resolved paths of files that no layer of the stage is, see `StageRecipe.files`."""
+        self.solvers: dict[str, Solver] = {}
+        self._lap("stage")
+        self._refine(refining, kind)
+        self._lap("refinement")
+
+    def _look(self, frames: Sequence[float], looked: Phase) -> None:
+        """Find out what each field needs at all frames."""
+        for number, (path, recipe) in enumerate(self.recipes.items()):
             lead = math.ceil(max(0.0, frames[0] - recipe.start))
             if lead > LEAD:
                 where = f"{recipe.simulation}.splatSim:sim:startTime"
                 expected = f"one at most {LEAD} frames before {frames[0]:g}"
                 raise StageError(where, f"{recipe.start:g}", expected)
             times = [*(frames[0] - left for left in range(lead, 0, -1)), *frames]
-            self.uses[path] = uses_over(recipe, times)
+            done = itertools.count(number * len(frames) - lead + 1)
+            self.uses[path] = uses_over(recipe, _told(times, done, looked))
             self.transformed[path] = changed_arrays(recipe.field_to_simulation(t) for t in times)
-        self.solvers: dict[str, Solver] = {}
-        self._lap("stage")
-        self._refine(refining, kind)
-        self._lap("refinement")
 
     def begin(self, states: dict[str, State] | None = None) -> None:
         """Make the solvers, at the first frame or from `states`.
@@ -145,10 +151,11 @@ class Simulation:
     def _refine(self, refining: Refining, kind: Callable[..., StageRecipe] | None) -> None:
         """Divide large splats, and read the fields again."""
         stage, reading = self.captured, self.reading
-        self.refinement = refine(
-            stage, self.recipes, self.uses, device=self.device, known=refining.known,
-            reading=reading,
-        )  # fmt: skip
+        with phase("refinement", work=sum(len(each.rest) for each in self.recipes.values())):
+            self.refinement = refine(
+                stage, self.recipes, self.uses, device=self.device, known=refining.known,
+                reading=reading,
+            )  # fmt: skip
         self.stage = stage
         """The stage with refined captures."""
         layer = self.refinement.layer
@@ -163,6 +170,13 @@ class Simulation:
             except BaseException:
                 leave_session(stage, layer)
                 raise
+
+
+def _told(times: Iterable[float], numbers: Iterator[int], looked: Phase) -> Iterator[float]:
+    """Yield times, and report each."""
+    for time, number in zip(times, numbers, strict=False):
+        yield time
+        looked.step(max(number, 0))
 
 
 def _recipes(
