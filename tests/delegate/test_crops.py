@@ -116,7 +116,7 @@ def test_the_picture_is_that_of_the_splats_that_are_left(sorting) -> None:
         parts.set_field(path, FieldSpec(cloud=some(cloud, mask)))
         parts.set_instances(path, (instance,))
     assert 0 < left < 2 * len(cloud)
-    aovs = ("color", "depth", "Neye", "instanceId", "cryptoObject")
+    aovs = ("color", "depth", "Naxis", "instanceId", "cryptoObject")
     found = picture(whole, view, sorting=sorting, aovs=aovs)
     expected = picture(parts, view, sorting=sorting, aovs=aovs)
     for name in aovs:

@@ -164,7 +164,7 @@ def check(renderer, scene, view, settings, request) -> None:
 
 
 def test_display_modes_take_what_they_make(scene):
-    """Oracle: the arrays: nine features of each splat twice; records, order, ranks twice more, and
+    """Oracle: the arrays: twelve features of each splat twice; records, order, ranks twice more, and
     a byte for whether it is opaque."""
     visible, *_ = memory._visible(scene.draw_list(), memory.Screen.of(VIEW))
 
@@ -175,7 +175,7 @@ def test_display_modes_take_what_they_make(scene):
         )
         return estimate.splats / visible
 
-    assert per_splat("normals") - per_splat("splats") == pytest.approx(2 * 9 * 4)
+    assert per_splat("normals") - per_splat("splats") == pytest.approx(2 * 12 * 4)
     assert per_splat("ellipses") - per_splat("splats") == pytest.approx(2 * (12 + 1 + 1) * 4 + 1)
     assert per_splat("points") == per_splat("splats")
 

@@ -105,7 +105,7 @@ def test_ids_are_rows_of_the_prims_own_arrays(sorting):
     ]
     less = [(take(cloud, at), n) for (cloud, n), at in zip(clouds, rows, strict=True)]
     view = view_of(lens())
-    aovs = (*IDS, "depth", "Neye", "albedo", "cryptoObject")
+    aovs = (*IDS, "depth", "Naxis", "albedo", "cryptoObject")
     found = picture(scene_with(*clouds), view, aovs=aovs, splat_budget=budget, sorting=sorting)
     expected = picture(scene_with(*less), view, aovs=aovs, sorting=sorting)
     for name in set(aovs) - {"elementId"}:

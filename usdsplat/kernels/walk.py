@@ -30,10 +30,7 @@ from .contributions import (
 )
 from .deep import merge
 from .feature import ALBEDO as ALBEDO_COLUMN
-from .feature import AXIS as AXIS_COLUMN
-from .feature import EXPECTED as EXPECTED_COLUMN
-from .feature import FEATURES
-from .feature import NORMAL as NORMAL_COLUMN
+from .feature import AXIS, EXPECTED, FEATURES, NORMAL
 from .jit import parallel, scalar
 from .lane_keys import LINE, aligned, any_of, depths_of, look_up, place_of, sort_rows
 from .lanes import bits, choose, load, lowest_bit, ramp, spread, store
@@ -47,6 +44,8 @@ COLOR, ALBEDO, NORMALS, DEPTHS, AXES, MEDIAN, FRONT, WEIGH, COUNT, FILL = (
 thinnest axes over contributions; the contribution at which half of the coverage is reached; the
 first contribution; the prims with the largest weights; the number of deep samples; the deep
 samples."""
+COLUMNS = 0, ALBEDO_COLUMN, NORMAL, EXPECTED, AXIS
+"""First column of the features of each product, in the order of their bits, from ALBEDO on."""
 HALF = np.float32(0.5)
 """Fraction of the coverage to reach for MEDIAN; FRONT uses 0."""
 
@@ -207,8 +206,7 @@ def walk(
     are surfaces, and mattes or a holdout, FILL also writes `through`: the transmittance of mattes
     and holdout to the surface.
     """
-    color, albedo, normals, sums, axes, through, median, front, prims_out = out[:9]
-    counts, offsets, deep = out[9:]
+    images, (through, median, front, prims_out, counts, offsets, deep) = out[:5], out[5:]
     median_ranks, median_depths = median
     front_ranks, front_depths = front
     ids, prim_weights = prims_out
@@ -288,38 +286,23 @@ def walk(
                     green = blue = red
                     if each == 0:
                         red, green, blue = sum_paints(keys, count, weights, colors, 3, 0)
-                    elif each == 3:
-                        _, green, blue = sum_paints(
-                            keys, count, weights, featured, FEATURES, EXPECTED_COLUMN
+                    else:
+                        red, green, blue = sum_paints(
+                            keys, count, weights, featured, FEATURES, COLUMNS[each]
                         )
+                    if each == 3:
+                        red = spread(zero)
                         for k in range(count):
                             at = np.uint64(k * TILE)
                             weight = load(weights, at)
                             more = red + weight * depths_of(keys, at)
                             red = choose(weight > zero, more, red)
-                    else:
-                        column = AXIS_COLUMN
-                        if each < 3:
-                            column = ALBEDO_COLUMN if each == 1 else NORMAL_COLUMN
-                        red, green, blue = sum_paints(
-                            keys, count, weights, featured, FEATURES, column
-                        )
                     store(planes, np.uint64(0), red)
                     store(planes, np.uint64(TILE), green)
                     store(planes, np.uint64(2 * TILE), blue)
                     for x in range(x0, x1):
                         for c in range(4):
-                            value = planes[c * TILE + x]
-                            if each == 0:
-                                color[row, first + x - x0, c] = value
-                            elif each == 1:
-                                albedo[row, first + x - x0, c] = value
-                            elif each == 2:
-                                normals[row, first + x - x0, c] = value
-                            elif each == 4:
-                                axes[row, first + x - x0, c] = value
-                            else:
-                                sums[row, first + x - x0, c] = value
+                            images[each][row, first + x - x0, c] = planes[c * TILE + x]
             if wants & COLOR:
                 for x in range(x0, x1):
                     through[row, first + x - x0] = planes[4 * TILE + x]
