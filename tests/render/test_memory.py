@@ -164,8 +164,8 @@ def check(renderer, scene, view, settings, request) -> None:
 
 
 def test_display_modes_take_what_they_make(scene):
-    """Oracle: the arrays: twelve features of each splat twice; records, order, ranks twice more, and
-    a byte for whether it is opaque."""
+    """Oracle: the arrays: twelve features of each splat twice; records, order, ranks twice more,
+    and a byte for whether it is opaque."""
     visible, *_ = memory._visible(scene.draw_list(), memory.Screen.of(VIEW))
 
     def per_splat(mode):
