@@ -13,6 +13,8 @@ import pytest
 from tests import devices
 
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")  # no test puts a window before anybody's eyes
+if "PYTEST_XDIST_WORKER" in os.environ:  # as many workers as cores, also where tests run commands
+    os.environ.setdefault("USDSPLAT_THREADS", "1")
 DATA = Path(
     os.environ.get("USDSPLAT_TEST_DATA") or Path(__file__).resolve().parents[2] / "shared" / "data"
 )

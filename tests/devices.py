@@ -7,7 +7,7 @@ import functools
 import pytest
 
 from usdsplat.kernels.cuda.support import is_simulated, obstacle
-from usdsplat.kernels.device import Device
+from usdsplat.kernels.device import CpuDevice, Device, cores
 from usdsplat.kernels.devices import open_device
 
 NAMES = ("cpu", "cuda")
@@ -31,3 +31,8 @@ def here() -> list[str]:
     """Those of NAMES that this machine has."""
     usable = obstacle() is None and not is_simulated()
     return [name for name in NAMES if name == "cpu" or usable]
+
+
+def all_cores() -> CpuDevice:
+    """The CPU with all its cores. Tests that do not ask for them get USDSPLAT_THREADS."""
+    return CpuDevice(threads=cores())

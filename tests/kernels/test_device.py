@@ -14,10 +14,11 @@ import numba
 import numpy as np
 import pytest
 
+from tests.devices import all_cores
 from usdsplat.core.errors import BackendError, UsageError
 from usdsplat.kernels import ahead, sort, store
 from usdsplat.kernels.cuda import support
-from usdsplat.kernels.device import CpuDevice
+from usdsplat.kernels.device import CpuDevice, cores
 from usdsplat.kernels.devices import automatic, open_device
 
 
@@ -94,7 +95,7 @@ def test_two_threads_may_launch_at_once():
         visible = np.arange(len(keys), dtype=np.int32)
         scratch = (np.zeros((2, len(keys)), np.uint32), np.zeros((2, len(keys)), np.int32))
         for _ in range(20):
-            half = CpuDevice().run(
+            half = all_cores().run(
                 sort.depth_order,
                 visible,
                 len(keys),
@@ -189,3 +190,16 @@ def test_who_has_a_gpu_and_not_its_packages_is_told_which(monkeypatch):
     monkeypatch.setattr(ahead, "is_noted", lambda *_: False)
     expected = f"device cuda: found {missing[0]}, expected {missing[1]}"
     assert automatic("pictures") == ("cpu", expected)
+
+
+def test_the_environment_says_how_many_threads_there_are(monkeypatch):
+    """Oracle: the variable; what asks for threads does not read it, and what is no number of cores
+    is one sentence."""
+    monkeypatch.setenv("USDSPLAT_THREADS", "1")
+    assert CpuDevice().threads == 1 and all_cores().threads == cores()
+    monkeypatch.delenv("USDSPLAT_THREADS")
+    assert CpuDevice().threads == cores()
+    for wrong in ("0", "-1", "two", str(cores() + 1), "¹"):
+        monkeypatch.setenv("USDSPLAT_THREADS", wrong)
+        with pytest.raises(UsageError, match=f"USDSPLAT_THREADS: found '{wrong}', expected 1 to"):
+            CpuDevice()

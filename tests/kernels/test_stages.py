@@ -7,7 +7,7 @@ import pytest
 
 from tests.devices import device_of
 from usdsplat.kernels import bins, blend, median, project, ray_hit, sort
-from usdsplat.kernels.device import CpuDevice
+from usdsplat.kernels.device import CpuDevice, cores
 
 rng = np.random.default_rng(11)
 
@@ -24,7 +24,7 @@ def device(request):
     """One thread and two: the results may not differ; and a GPU."""
     if request.param == "cuda":
         return device_of("cuda")
-    return CpuDevice(threads=min(1 + (request.param == "two threads"), CpuDevice().threads))
+    return CpuDevice(threads=min(1 + (request.param == "two threads"), cores()))
 
 
 def records_of(centers, covariances, opacities, colors, depths):

@@ -17,7 +17,7 @@ from tests.render.surface_scenes import (
     sphere,
     to_camera,
 )
-from usdsplat.kernels.device import CpuDevice
+from usdsplat.kernels.device import cores
 from usdsplat.kernels.devices import open_device
 from usdsplat.render.scene import RenderScene
 from usdsplat.render.specs import InstanceSpec, LightSpec, MaterialSpec, TextureSpec
@@ -190,7 +190,7 @@ def test_crops_bands_and_overscan_are_the_full_frame(orthographic):
 def test_threads_do_not_matter():
     """Oracle: one thread."""
     scene = varied_scene()
-    most = CpuDevice().threads
+    most = cores()
     assert_same(draw(scene, screen_of(), threads=1), draw(scene, screen_of(), threads=most))
 
 

@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+from tests.devices import all_cores
 from tests.sim.test_flight import ONE, closed, state_of
 from usdsplat.kernels.device import CpuDevice
 from usdsplat.kernels.devices import open_device
@@ -202,7 +203,7 @@ def test_steps_of_flight_converge_to_what_assembling_places() -> None:
 def test_threads_do_not_matter() -> None:
     """Oracle: one thread, bit by bit."""
     digests = set()
-    for device in (CpuDevice(threads=1), CpuDevice()):
+    for device in (CpuDevice(threads=1), all_cores()):
         for mode in ("dissolve", "assemble"):
             state = at_rest(5000)
             parameters = DissolveParameters(mode=mode, speed=1.0)

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tests.devices import all_cores
 from tests.sim.test_population import capture, normals
 from usdsplat.core.cloud import SplatCloud
 from usdsplat.kernels.device import CpuDevice
@@ -142,7 +143,7 @@ def test_drivers_do_not_accumulate_and_threads_do_not_matter() -> None:
     for output in ("scale", "color"):
         frames = [
             driven(state, device=device, output=output, amount=0.5, source="speed")[1]
-            for device in (CpuDevice(), CpuDevice(), CpuDevice(threads=1))
+            for device in (all_cores(), all_cores(), CpuDevice(threads=1))
         ]
         for name in ("scales", "sh"):
             first, *others = (getattr(frame, name) for frame in frames)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from numba import njit
 
+from tests.devices import all_cores
 from usdsplat.core.cloud import SplatCloud
 from usdsplat.core.errors import StageError
 from usdsplat.kernels.device import CpuDevice
@@ -161,7 +162,7 @@ def test_threads_do_not_matter() -> None:
     points = np.random.default_rng(5).uniform(-3, 3, (5000, 3))
     particles = ParticlesParameters(gravity=(0, -1, 0), turbulence=1.0, turbulence_scale=0.3)
     digests = set()
-    for device in (CpuDevice(threads=1), CpuDevice()):
+    for device in (CpuDevice(threads=1), all_cores()):
         state = state_of(points)
         for step in range(5):
             fly(device, state, particles, Step(step / 24, 1 / 24, 1), to_world=ONE)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from tests.devices import all_cores
 from tests.sim.test_carriers import shell
 from usdsplat.kernels.device import CpuDevice
 from usdsplat.kernels.devices import open_device
@@ -97,5 +98,5 @@ def test_any_number_of_threads_gives_the_same_bits(setting):
     def wave(p):
         return p + 0.1 * np.sin(3 * p[:, ::-1])
 
-    alone, every = (moved(d, setting, wave) for d in (CpuDevice(threads=1), CpuDevice()))
+    alone, every = (moved(d, setting, wave) for d in (CpuDevice(threads=1), all_cores()))
     assert all(np.array_equal(a, b) for a, b in zip(alone, every, strict=True))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from tests.devices import all_cores
 from usdsplat.kernels.device import CpuDevice
 from usdsplat.kernels.devices import open_device
 from usdsplat.sim.carriers import Carriers
@@ -290,7 +291,7 @@ def test_plastic_matter_stays_bent_and_elastic_matter_does_not(device):
 def test_any_number_of_threads_gives_the_same_bits(material):
     """Oracle: one thread."""
     digests = []
-    for device in (CpuDevice(threads=1), CpuDevice()):
+    for device in (CpuDevice(threads=1), all_cores()):
         carriers = carriers_at(device, block(8), 1.0)
 
         def at(number):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from tests.devices import all_cores
 from usdsplat.core.cloud import SplatCloud
 from usdsplat.kernels.device import CpuDevice
 from usdsplat.kernels.devices import open_device
@@ -329,7 +330,7 @@ def test_any_sequence_keeps_the_state_sound_and_threads_do_not_matter(seed) -> N
     """Oracle: invariants after each of a random sequence of births, deaths and patterns; one
     thread, bit by bit."""
     digests = []
-    for device in (CpuDevice(threads=1), CpuDevice()):
+    for device in (CpuDevice(threads=1), all_cores()):
         rng = np.random.default_rng(seed)
         state = capture(1500, seed)
         gone: set[int] = set()

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from numpy.polynomial import legendre
 
+from tests.devices import all_cores
 from tests.folded import folded_rows
 from tests.sim.patterns import area, laplacian, wavelength
 from tests.sim.spheres import graph_of, relaxed_sphere
@@ -166,7 +167,7 @@ def test_spots_are_stretched_along_a_direction(device) -> None:
 def test_threads_do_not_matter(few) -> None:
     """Oracle: one thread, bit for bit."""
     found = []
-    for device in (CpuDevice(threads=1), CpuDevice()):
+    for device in (CpuDevice(threads=1), all_cores()):
         reaction = Reaction(device, few, RdParameters(conservative=True, anisotropy=0.5))
         found.append(reaction.step(seeded(device, few.positions[few.rank], reaction), 50))
     assert found[0].tobytes() == found[1].tobytes()

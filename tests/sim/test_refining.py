@@ -8,6 +8,7 @@ import math
 import numpy as np
 import pytest
 
+from tests.devices import all_cores
 from tests.sim.test_transport import axes_of
 from usdsplat.core import edit
 from usdsplat.core.cloud import SplatCloud
@@ -230,7 +231,7 @@ def test_results_do_not_depend_on_the_number_of_threads() -> None:
     whole = cloud(20_000)
     one_thread, all_threads = (
         refined(device, whole, limit=0.02, budget=60_000)[0]
-        for device in (CpuDevice(threads=1), CpuDevice())
+        for device in (CpuDevice(threads=1), all_cores())
     )
     for name in ("positions", "scales", "opacities", "rotations", "ids"):
         np.testing.assert_array_equal(getattr(one_thread, name), getattr(all_threads, name))

@@ -39,7 +39,7 @@ class Options:
     frames: Annotated[int, option("N")] = 24
     """length of each sequence; default: 24"""
     threads: Annotated[int | None, option("N")] = None
-    """number of threads; default: all cores"""
+    """number of threads; default: USDSPLAT_THREADS, or all cores"""
     json: Annotated[bool, option()] = False
     """print one JSON object with the files and a description of each"""
     reporting: ReportingOptions = field(default_factory=ReportingOptions)

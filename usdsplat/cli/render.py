@@ -82,7 +82,7 @@ class Options:
     device: Annotated[str, option("NAME")] = "auto"
     """device that renders, auto, cpu or cuda; default: auto, the one that finishes first"""
     threads: Annotated[int | None, option("N")] = None
-    """number of threads; default: all cores"""
+    """number of threads; default: USDSPLAT_THREADS, or all cores"""
     memory_limit: Annotated[str | None, option("SIZE")] = None
     """maximum memory of the process, such as 800M or 6G; default: no limit"""
     resume: Annotated[bool, option()] = False

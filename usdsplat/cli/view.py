@@ -84,7 +84,7 @@ class Options:
     device: Annotated[str, option("NAME")] = "auto"
     """device that renders, auto, cpu or cuda; default: auto, the one that finishes first"""
     threads: Annotated[int | None, option("N")] = None
-    """number of threads; default: all cores"""
+    """number of threads; default: USDSPLAT_THREADS, or all cores"""
     browser: WebOptions = field(default_factory=WebOptions)
     opening: StageOptions = field(default_factory=StageOptions)
     reporting: ReportingOptions = field(default_factory=ReportingOptions)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import threading
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -10,7 +9,7 @@ from dataclasses import dataclass
 from usdsplat.core.errors import UsageError
 from usdsplat.delegate.render_param import RenderParam
 from usdsplat.delegate.render_pass import RenderPass
-from usdsplat.kernels.device import checked_name, checked_threads
+from usdsplat.kernels.device import checked_name, checked_threads, usual_threads
 from usdsplat.kernels.devices import open_device
 from usdsplat.render.cost import Work
 from usdsplat.render.renderer import Renderer
@@ -50,7 +49,7 @@ class Drawer:
     @property
     def threads(self) -> int:
         """Threads of the CPU that a picture may use; does not open the device."""
-        return self._threads or os.cpu_count() or 1
+        return self._threads or usual_threads()
 
     @property
     def renderer(self) -> Renderer:

@@ -46,9 +46,29 @@ def _launch_threads() -> None:
             del os.environ[name]
 
 
-def _cores() -> int:
+VARIABLE = "USDSPLAT_THREADS"
+"""Environment variable with the number of threads where none is asked for: several processes that
+use all cores each are much slower together than with a share of them."""
+
+
+def cores() -> int:
+    """Return the largest number of threads."""
     config: Any = numba.config
     return int(config.NUMBA_NUM_THREADS)
+
+
+def usual_threads() -> int:
+    """Return the number of threads where none is asked for: USDSPLAT_THREADS, or that of the cores.
+
+    Raises:
+        UsageError: If the variable is no such number.
+    """
+    asked = os.environ.get(VARIABLE)
+    if not asked:
+        return cores()
+    if not (asked.isascii() and asked.isdigit() and 1 <= int(asked) <= cores()):
+        raise UsageError(VARIABLE, repr(asked), f"1 to {cores()}")
+    return int(asked)
 
 
 class Device(Protocol):
@@ -105,18 +125,18 @@ class CpuDevice:
     """CPU of this machine, with Numba's threads.
 
     Args:
-        threads: Number of threads, 1 to the number of cores; None for all.
+        threads: Number of threads, 1 to the number of cores; None for `usual_threads`.
         remark: Why a faster device is not used.
 
     Raises:
-        UsageError: If `threads` is out of range.
+        UsageError: If `threads` or USDSPLAT_THREADS is out of range.
     """
 
     name = "cpu"
 
     def __init__(self, *, threads: int | None = None, remark: str = "") -> None:
         self.remark = remark
-        self.threads = checked_threads(threads) or _cores()
+        self.threads = checked_threads(threads) or usual_threads()
         _launch_threads()
         shared = numba.threading_layer() == "workqueue"
         self._launch: AbstractContextManager[Any] = _WORKQUEUE_LOCK if shared else nullcontext()
@@ -185,6 +205,6 @@ def checked_threads(threads: int | None) -> int | None:
     Raises:
         UsageError: If it has not.
     """
-    if threads is not None and not 1 <= threads <= _cores():
-        raise UsageError("threads", str(threads), f"1 to {_cores()}")
+    if threads is not None and not 1 <= threads <= cores():
+        raise UsageError("threads", str(threads), f"1 to {cores()}")
     return threads

@@ -6,11 +6,11 @@ are accurate within a factor of two, which is enough to decide whether starting 
 
 from __future__ import annotations
 
-import os
 from collections.abc import Collection
 from dataclasses import dataclass
 
 from usdsplat.images.cryptomatte import LAYERS
+from usdsplat.kernels.device import usual_threads
 from usdsplat.render.settings import RenderSettings
 
 PER_SPLAT = 70e-9
@@ -46,7 +46,7 @@ class Work:
 
         Args:
             splats: Number of splats in the scene.
-            threads: Number of threads; None for all cores.
+            threads: Number of threads; None for `usual_threads`.
         """
         passes = sum(PASSES.get(name, OTHER) for name in self.aovs)
         if self.deep:
@@ -54,5 +54,5 @@ class Work:
         if self.settings.sorting == "rayHitDistance":
             passes *= BY_RAY
         once = PER_SPLAT * splats * self.pictures + PER_PIXEL * passes * self.pixels
-        count = threads or os.cpu_count() or 1
+        count = threads or usual_threads()
         return once * self.settings.samples / (1 if count == 1 else SHARE * count)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from tests.devices import all_cores
 from usdsplat.kernels.device import CpuDevice
 from usdsplat.kernels.devices import open_device
 from usdsplat.kernels.sim.laplacian import laplacian, merge, missing, row_sums
@@ -126,7 +127,7 @@ def test_points_alone_and_threads() -> None:
     points = np.random.default_rng(5).uniform(0, 1, (3000, 3)).astype(F)
     points[0] = 50
     h = np.full(3000, 0.1, F)
-    graphs = [weigh(points, h, device=each) for each in (CpuDevice(threads=1), CpuDevice())]
+    graphs = [weigh(points, h, device=each) for each in (CpuDevice(threads=1), all_cores())]
     assert graphs[0][3][0, 0] == 0
     assert graphs[0][2].tobytes() == graphs[1][2].tobytes()
     assert graphs[0][3].tobytes() == graphs[1][3].tobytes()

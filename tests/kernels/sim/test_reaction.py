@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from tests.devices import all_cores
 from usdsplat.kernels.device import CpuDevice
 from usdsplat.kernels.devices import open_device
 from usdsplat.kernels.sim.reaction import gray_scott, seed
@@ -93,7 +94,7 @@ def test_threads_do_not_matter() -> None:
     feed, kill = np.full(SIDE * SIDE, FEED, F), np.array([KILL], F)
     one, all_of_them = (
         run(device, lattice(), start(), 50, feed, kill)
-        for device in (CpuDevice(threads=1), CpuDevice())
+        for device in (CpuDevice(threads=1), all_cores())
     )
     assert one.tobytes() == all_of_them.tobytes()
 
