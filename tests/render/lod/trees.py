@@ -13,6 +13,9 @@ from usdsplat.core.extent import extent
 from usdsplat.core.node_table import NodeTable, check_nodes
 from usdsplat.render.lod.tree import TreeSpec
 
+OF_SURFACES = {"Neye", "confidence", "occlusion"}
+"""AOVs of the surfaces of splats, which only fields have."""
+
 
 def concatenated(clouds):
     """One cloud of several of the same degree."""

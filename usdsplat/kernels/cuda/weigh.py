@@ -34,8 +34,8 @@ def weigh(
     samples = no["numbers"], no["numbers"], no["colors"]
     image, nearest = no["image"], (no["places"], no["plane"])
     out = (
-        image, image, image, image, no["plane"], nearest, nearest, (ids, weights), no["counts"],
-        no["offsets"], samples,
+        image, image, image, image, image, no["plane"], nearest, nearest, (ids, weights),
+        no["counts"], no["offsets"], samples,
     )  # fmt: skip
     any_order.walk_pixels(
         device, options, records, records, no["keeps"], labels, starts, lists, grid,

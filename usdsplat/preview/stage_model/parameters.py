@@ -45,7 +45,7 @@ _HEADINGS = {
     "driver": "Driver",
     "mask": "Mask",
 }
-_ALWAYS = ("sim", "neighbors")
+_ALWAYS = ("sim", "neighbors", "carriers")
 """Parameter groups that need no applied schema."""
 
 
