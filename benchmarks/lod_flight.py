@@ -50,7 +50,12 @@ def main(report: Report) -> None:
     session.listen(heard)
     session.look(ViewState(size=SIZE))
     heard.wait(lambda: bool(heard.pictures))
-    print(f"{options.tree.name}: first picture after {heard.pictures[0][0] - began:.2f} s")
+    first = heard.pictures[0]
+    heard.wait_for_final(first[1].state)
+    print(
+        f"{options.tree.name}: first picture after {first[0] - began:.2f} s, "
+        f"complete after {heard.pictures[-1][0] - began:.2f} s"
+    )
     far = framed(session)
     near = far.dollied(NEAR)
     state = ViewState(size=SIZE, camera=far, is_moving=True)

@@ -30,7 +30,7 @@ from usdsplat import (
 )
 from usdsplat import main as usdsplat
 
-FRAMES = 4
+FRAMES = 20
 """Number of simulated frames."""
 
 

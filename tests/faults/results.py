@@ -35,6 +35,8 @@ def read(path: Path) -> object:
         return _picture(path)
     if suffix.startswith(".usd"):
         return _stage(path)
+    if path.name == "kept_checkpoint":
+        return path.read_bytes()
     capture = formats.read(path)
     return capture.cloud.positions.tobytes(), capture.cloud.sh.tobytes()
 

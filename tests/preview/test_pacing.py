@@ -11,6 +11,7 @@ import pytest
 
 from usdsplat.preview.pacing import (
     FULL,
+    LONGEST_MS,
     MIDDLE_MS,
     MOVING_MS,
     RESTING_MS,
@@ -216,3 +217,39 @@ def test_where_nothing_is_affordable_quality_is_not_given_away_for_nothing():
         quality = pacer.moving(0.1 * number, load)
         pacer.drew(quality, load, fixed=100.0, rest=10.0 / quality.scale)
     assert quality == FULL
+
+
+def test_trees_at_rest_have_a_budget_that_is_kept():
+    """Oracle: the cost of the machine: the final picture of any number of splats takes at most
+    LONGEST_MS, is one of whole pixels, and is not drawn again with another budget."""
+    load = Load(pixels=700_000, splats=25_000_000, has_trees=True)
+    pacer, shown = Pacer(), None
+    for _ in range(3):  # the cost is known from a movement
+        pacer.drew(Quality(scale=3.0, splats=100_000), load, fixed=70.0, rest=5.0)
+    for _ in range(8):
+        quality = pacer.resting(shown, load)
+        count = quality.splats or load.splats
+        pacer.drew(quality, load, fixed=700e-6 * count, rest=30.0)
+        if quality == shown:
+            break
+        shown = quality
+    assert shown.is_whole and shown.splats is not None
+    assert 0.5 * LONGEST_MS < 700e-6 * shown.splats < LONGEST_MS
+    assert pacer.resting(shown, load) == shown
+    few = replace(load, splats=100_000)
+    assert Pacer().resting(None, few) == FULL
+    assert Pacer()._final(replace(load, has_trees=False)) == FULL
+
+
+def test_times_of_other_levels_tell_nothing_of_a_constant():
+    """Oracle: a movement that begins after a dear picture at rest, and whose pictures cost 200 ns a
+    splat, is cheap soon."""
+    load = Load(pixels=700_000, splats=25_000_000, samples=4, has_trees=True)
+    pacer = Pacer()
+    pacer.drew(Quality(splats=3_000_000), replace(load, splats=1_000_000), fixed=1800, rest=380)
+    pacer.drew(Quality(splats=3_000_000), load, fixed=2800, rest=450)
+    for number in range(12):
+        quality = pacer.moving(float(number), load)
+        took = 200e-6 * (quality.splats or load.splats)
+        pacer.drew(quality, load, fixed=took, rest=5.0)
+    assert took < 50

@@ -29,7 +29,7 @@ from usdsplat.delegate.render_buffer import Pixels
 from usdsplat.kernels.compiling import compile_time
 from usdsplat.preview.boxes import Corners
 from usdsplat.preview.display import Display, needed
-from usdsplat.preview.pacing import FULL, Load, Pacer, Quality
+from usdsplat.preview.pacing import Load, Pacer, Quality
 from usdsplat.preview.scenes import Scene, Scenes
 from usdsplat.preview.values import Image, Look, Picture, ViewState
 from usdsplat.render.frame_stats import FrameStats
@@ -201,7 +201,7 @@ class Drawing:
             camera=scenes[0].camera,
             number=self._number,
             scale=quality.scale,
-            is_final=quality == FULL and not state.is_moving and not self._missing,
+            is_final=quality.is_whole and not state.is_moving and not self._missing,
             missing=self._missing,
             splats=stats[0].visible,
             total=stats[0].total,
@@ -350,6 +350,7 @@ def _load(state: ViewState, scenes: tuple[Scene, ...]) -> Load:
         pixels=state.size[0] * state.size[1],
         splats=max(_budgeted(scene) for scene in scenes),
         samples=max(scene.samples for scene in scenes),
+        has_trees=any(scene.has_trees for scene in scenes),
     )
 
 

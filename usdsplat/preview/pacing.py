@@ -32,6 +32,9 @@ MOVING_MS = 35.0
 """Time limit of a picture while the view moves."""
 RESTING_MS = 150.0
 """Time limit to draw the full picture at once when the view rests."""
+LONGEST_MS = 1500.0
+"""Time limit of the final picture of splat trees, which would have any number of splats: until it
+is drawn, the view does not move."""
 MIDDLE_MS = 100.0
 """Time limit of the intermediate picture."""
 WORTH = 1.3
@@ -67,6 +70,8 @@ class Load:
     """Splats on the stage, counting every instance."""
     samples: int = 1
     """Number of samples in full quality."""
+    has_trees: bool = False
+    """Whether a budget selects coarser levels instead of fewer splats."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -79,6 +84,11 @@ class Quality:
     """Splat budget; None for all."""
     averages: bool = True
     """Whether all samples of a picture are drawn."""
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether a picture at rest may stay: no larger pixels, and all samples."""
+        return self.scale == 1.0 and self.averages
 
     def is_at_least(self, other: Quality) -> bool:
         """Return whether `other` is better in no respect."""
@@ -104,11 +114,13 @@ class Cost:
         self._seen: deque[tuple[float, float]] = deque([(1.0, guess)] * DOUBTED, REMEMBERED)
         self._start: float | None = None
 
-    def learn(self, work: float, took: float) -> None:
-        """Add the measurement of a picture."""
+    def learn(self, work: float, took: float, *, has_constant: bool = True) -> None:
+        """Add the measurement of a picture. Without a constant, all of it was per piece."""
         work = max(work, 1.0)
         before, _ = self._seen[-1]
-        if before > 1.0 and abs(work - before) > JUMP * before:
+        if not has_constant:
+            self._start = None
+        elif before > 1.0 and abs(work - before) > JUMP * before:
             was = median(ms for amount, ms in self._seen if amount == before)
             start = (was * work - took * before) / (work - before)
             start = min(max(start, 0.0), was, took)
@@ -142,8 +154,9 @@ class Pacer:
     def drew(self, quality: Quality, load: Load, *, fixed: float, rest: float) -> None:
         """Record a picture: work per splat took `fixed`, all else `rest`."""
         splats, pixels = _work(quality, load)
-        self._splats.learn(splats, fixed)
-        self._pixels.learn(pixels, rest)
+        has_constant = not load.has_trees  # of whose levels the views are not nearly the same
+        self._splats.learn(splats, fixed, has_constant=has_constant)
+        self._pixels.learn(pixels, rest, has_constant=has_constant)
 
     def expected(self, quality: Quality, load: Load) -> float:
         """Return the expected time of a picture."""
@@ -168,7 +181,8 @@ class Pacer:
         return self._held or FULL
 
     def resting(self, shown: Quality | None, load: Load) -> Quality:
-        """Return the quality of the next picture at rest; `FULL` unless that takes long.
+        """Return the quality of the next picture at rest; `FULL` unless that takes long. That of
+        splat trees may have a budget.
 
         Args:
             shown: Quality of the current picture of the same view; None if there is none.
@@ -176,11 +190,21 @@ class Pacer:
         self._held = None
         if self.expected(FULL, load) <= RESTING_MS:
             return FULL
-        whole = [each for each in _choices(load) if each.splats is None]
+        if load.has_trees and shown is not None and shown.is_whole:
+            return shown  # estimates change with each picture
+        whole = [each for each in _choices(load) if each.splats is None or load.has_trees]
         middle = self._best(whole, MIDDLE_MS, load)
-        return FULL if shown is not None and shown.is_at_least(middle) else middle
+        return self._final(load) if shown is not None and shown.is_at_least(middle) else middle
 
     # --- private ---------------------------------------------------------------------------
+
+    def _final(self, load: Load) -> Quality:
+        """Return the quality of a picture at rest that stays."""
+        if not load.has_trees or self.expected(FULL, load) <= LONGEST_MS:
+            return FULL
+        fewer = [Quality(splats=count) for count in BUDGETS if count < load.splats]
+        affordable = (each for each in fewer if self.expected(each, load) <= LONGEST_MS)
+        return next(affordable, fewer[-1] if fewer else FULL)
 
     def _best(self, choices: Sequence[Quality], limit: float, load: Load) -> Quality:
         """Return the first affordable choice; without one, the first that takes at most `WORTH`

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from pxr import UsdGeom
 
 from usdsplat import formats
 from usdsplat.core import axes, edit
@@ -140,6 +141,8 @@ class _Demo:
         author_preset("grow", open_stage(source), growth, last=self._request.frames)
         stage = open_stage(growth)
         look_across(stage, BALL)
+        ball = UsdGeom.Imageable(stage.GetPrimAtPath(BALL))
+        ball.GetPurposeAttr().Set(UsdGeom.Tokens.default_)  # is seen at work
         for text in QUICKER:
             override(stage, text, layer=stage.GetRootLayer())
         export_layer(stage.GetRootLayer(), growth)

@@ -38,14 +38,16 @@ def test_simulations_and_affectors_are_listed_with_what_is_applied():
     assert groups(stage) == [
         "Simulation",
         "Neighbours",
+        "Carriers",
         "Reaction",
         "Even spacing",
         "Growth",
+        "New matter",
         "Deformer bend",
     ]
     assert groups(stage, BALL) == ["Affector"]
     author(stage.GetPrimAtPath(SIM), {"driver:glow:amount": 2.0, "settle:omega": 4.0})
-    assert groups(stage)[5:] == ["Settling", "Deformer bend", "Driver glow"]
+    assert groups(stage)[7:] == ["Settling", "Deformer bend", "Driver glow"]
     for each in found:
         for item in each.editors:
             json.dumps(asdict(item), allow_nan=False)
