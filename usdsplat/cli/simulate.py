@@ -2,7 +2,8 @@
 
 examples:
   usdsplat simulate --preset grow scan.ply -o grow.usda
-      make a stage with parameters to edit; presets: grow, push, conform, morph, dissolve
+      make a stage with parameters to edit; presets: grow, push, wade, conform,
+      morph, dissolve, shatter
   usdsplat simulate --preset morph scan.ply --target other.sog -o morph.usda
       a capture becomes another one; --preset conform --target mesh.usd moves it onto meshes
   usdsplat simulate grow.usda --frames 1:100 -o bake.usda
@@ -57,7 +58,7 @@ class Options:
     """layer of results to write, a .usda; with --preset the stage to make"""
     frames: Annotated[str | None, option("A:B")] = None
     """frames such as 1:100; default: the stage's range"""
-    preset: Annotated[str | None, option("grow|push|conform|morph|dissolve")] = None
+    preset: Annotated[str | None, option("grow|push|wade|conform|morph|dissolve|shatter")] = None
     """make a stage that is ready for simulation, and stop"""
     style: Annotated[str | None, option("NAME")] = None
     """with --preset grow: look of the new matter, such as moss; default: coral"""

@@ -167,6 +167,54 @@ def test_the_style_of_grow_is_that_of_new_matter(style, tmp_path) -> None:
     assert sim.GetAttribute("splatSim:accretion:style").Get() == style
 
 
+@pytest.mark.parametrize("up", ["Y", "Z"])
+def test_a_figure_walks_through_on_the_ground(up, tmp_path) -> None:
+    """Oracle: the box of its shapes in USD: it is about 0.6 sizes high, walks farther than the
+    capture is wide, and its legs swing both ways."""
+    stage, recipe = written(tmp_path, "wade", up)
+    figure = stage.GetPrimAtPath(f"{recipe.simulation.rpartition('/')[0]}/Figure")
+    field = UsdGeom.Imageable(stage.GetPrimAtPath(recipe.path))
+    points = recipe.rest.positions @ np.array(field.ComputeLocalToWorldTransform(1.0))[:3, :3]
+    size = np.ptp(np.percentile(points, (5, 95), axis=0), axis=0).max()
+    axis = "XYZ".index(up)
+
+    def box(frame):
+        cache = UsdGeom.BBoxCache(frame, [UsdGeom.Tokens.guide, UsdGeom.Tokens.default_])
+        found = cache.ComputeWorldBound(figure).ComputeAlignedRange()
+        return np.array([found.GetMin(), found.GetMax()])
+
+    boxes = [box(frame) for frame in range(1, 76)]
+    tall = boxes[0][1, axis] - boxes[0][0, axis]
+    assert tall == pytest.approx(0.6 * size, rel=0.35)
+    middles = np.array([each.mean(axis=0) for each in boxes])
+    along = int(np.argmax(np.ptp(middles, axis=0)))
+    assert along != axis
+    assert np.ptp(middles[:, along]) > 1.2 * size
+    leg = figure.GetStage().GetPrimAtPath(figure.GetPath().AppendPath("LeftLeg"))
+    (turn,) = [op for op in UsdGeom.Xform(leg).GetOrderedXformOps() if "rotate" in op.GetName()]
+    angles = [turn.Get(frame) for frame in turn.GetTimeSamples()]
+    assert min(angles) < -20 and max(angles) > 20
+
+
+def test_materials_are_those_of_matter(tmp_path) -> None:
+    """Oracle: the attributes: what falls has gravity downwards and a ground."""
+    for number, (name, given) in enumerate((("push", "jelly"), ("shatter", None), ("wade", None))):
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        target = folder / "sim.usda"
+        author_preset(name, capture(folder), target, options={"material": given})
+        stage = Usd.Stage.Open(str(target))
+        (sim,) = find_simulations(stage)
+        values = {each.GetName(): each.Get() for each in sim.GetAuthoredAttributes()}
+        expected = given or {"shatter": "stone", "wade": "foliage"}[name]
+        assert values["splatSim:matter:material"] == expected
+        falls = name == "shatter"
+        assert ("splatSim:particles:gravity" in values) == falls
+        if falls:
+            assert values["splatSim:particles:gravity"][1] < 0
+            assert values["splatSim:matter:ground"] is True
+
+
 @pytest.mark.parametrize("name", PRESETS)
 def test_what_acts_on_splats_is_not_part_of_the_picture(name, tmp_path) -> None:
     """Oracle: USD's purpose of every prim that the preset draws."""
@@ -195,7 +243,7 @@ def test_an_option_that_a_preset_does_not_take_is_one_sentence(tmp_path) -> None
 def test_what_cannot_be_a_preset_is_one_sentence(tmp_path) -> None:
     """Oracle: the sentences; a failure leaves nothing behind."""
     stage = capture(tmp_path)
-    with pytest.raises(UsageError, match="preset: found 'melt', expected one of grow, push, con"):
+    with pytest.raises(UsageError, match="preset: found 'melt', expected one of grow, push, wade"):
         author_preset("melt", stage, tmp_path / "a.usda")
     with pytest.raises(UsageError, match="expected another file than the capture's"):
         author_preset("push", stage, tmp_path / "capture.usdc")

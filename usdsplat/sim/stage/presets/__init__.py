@@ -25,11 +25,15 @@ from usdsplat.sim.stage.presets.morph import MORPH
 from usdsplat.sim.stage.presets.preset import Choice, OptionName, Preset, PresetOption
 from usdsplat.sim.stage.presets.push import PUSH
 from usdsplat.sim.stage.presets.scene import FIRST, LAST, RATE, measured
+from usdsplat.sim.stage.presets.shatter import SHATTER
+from usdsplat.sim.stage.presets.wade import WADE
 from usdsplat.sim.stage.trees import is_simulated
 
 __all__ = ["PRESETS", "OptionName", "Preset", "PresetOption", "author_preset", "find_preset"]
 
-PRESETS: dict[str, Preset] = {each.name: each for each in (GROW, PUSH, CONFORM, MORPH, DISSOLVE)}
+PRESETS: dict[str, Preset] = {
+    each.name: each for each in (GROW, PUSH, WADE, CONFORM, MORPH, DISSOLVE, SHATTER)
+}
 """Presets by name, in the order of the help."""
 
 
