@@ -66,7 +66,10 @@ def still_where_masked(device, knob: str, **given: Any) -> None:
     free = moves(device, always(**given))
     held = moves(device, always(**given, **painted(HALF, knob)))
     assert (free > 1e-4).mean() > 0.9
-    assert np.array_equal(held[HALF > 0], free[HALF > 0])
+    if device.name == "cpu":
+        assert np.array_equal(held[HALF > 0], free[HALF > 0])
+    else:  # products and sums are fused differently in the kernel that takes masks
+        np.testing.assert_allclose(held[HALF > 0], free[HALF > 0], rtol=1e-5, atol=1e-7)
     assert held[HALF == 0].max() < 1e-6
 
 

@@ -76,18 +76,20 @@ class Pieces:
         self._support = np.full(len(carriers), radius, np.float32)
 
     def update(self, flags: U32, touched: Bools, cut: npt.NDArray[np.uint8]) -> None:
-        """Let pieces go that were touched, and those that nothing holds; hold the others.
+        """Let pieces go that were touched, and those that nothing holds; hold the others. Pieces
+        with a root stand always.
 
         Args:
             flags: Flags of the carriers, of which PINNED changes, shape (c,).
             touched: Which carriers touch an affector, shape (c,).
             cut: 1 for edges that have torn, shape (edges,); edges to pieces that go are cut.
         """
-        self.stands[np.unique(self.piece[touched])] = False
+        self.stands[self.piece[touched]] = False
+        self.stands[self.piece[self._roots]] = True
         a, b = self.piece[self._own], self.piece[self._neighbours]
         self.stands &= self._supported(a, b, cut)
         loose = ~self.stands[self.piece]
-        flags[:] = np.where(loose & ~self._roots, flags & ~PINNED, flags | PINNED)
+        flags[:] = np.where(loose, flags & ~PINNED, flags | PINNED)
         cut[self.stands[a] != self.stands[b]] = 1
 
     def maps(self) -> F32:
