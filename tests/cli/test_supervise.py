@@ -38,6 +38,7 @@ raise SystemExit(entry())
 ADVICE = """
 from usdsplat.core import interrupt
 interrupt.advise("go on with: usdsplat render --resume")
+print("advised", flush=True)
 """
 ENDLESS = "sum(range(10**15))"  # C code that looks at no signal and keeps the GIL
 
@@ -107,6 +108,7 @@ def test_a_signal_ends_python_code_and_c_code(tmp_path, work, number):
 def test_whoever_ends_the_command_says_how_to_go_on(tmp_path, work):
     """Oracle: the advice of the command, in one sentence; C code is killed by the parent."""
     with working(tmp_path, f"{ADVICE.strip()}\n{work}") as process:
+        assert process.stdout.readline() == "advised\n"
         process.send_signal(signal.SIGINT)
         advice = "usdsplat: interrupted; go on with: usdsplat render --resume\n"
         assert end(process) == (130, advice)

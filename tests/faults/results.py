@@ -13,7 +13,8 @@ from pxr import Usd
 from usdsplat import formats
 
 _PARTS = re.compile(
-    r"\d{4}\.usdc|coarse\.usdc|samples\.usdc|frame\.\d+\.usdc|topology\.usda|manifest\.usda|meta\.json|\w+(\.\d+)?\.webp"
+    r"\d{4}\.usdc|coarse\.usdc|samples\.usdc|kept_checkpoint|frame\.\d+\.usdc|topology\.usda|"
+    r"manifest\.usda|meta\.json|\w+(\.\d+)?\.webp"
 )
 
 
