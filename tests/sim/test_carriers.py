@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from tests.devices import all_cores
 from tests.sim.patterns import area, wavelength
 from usdsplat.core.cloud import SplatCloud
 from usdsplat.formats import read
@@ -130,10 +131,23 @@ def test_splats_far_from_all_read_nothing(device, carriers) -> None:
 
 def test_threads_do_not_matter() -> None:
     """Oracle: one thread, bit for bit."""
-    carriers = Carriers.of(CpuDevice(), shell(), distance=0.06, seed=1)
+    carriers = Carriers.of(all_cores(), shell(), distance=0.06, seed=1)
     alone = Carriers.of(CpuDevice(threads=1), shell(), distance=0.06, seed=1)
     assert alone.positions.tobytes() == carriers.positions.tobytes()
     assert alone.normals.tobytes() == carriers.normals.tobytes()
+
+
+def test_neighbours_are_rows_where_strays_were_dropped(device) -> None:
+    """Oracle: the lengths of all lists: strays that have no neighbours are dropped, after which the
+    cells, and with them the order of the others, are different ones."""
+    points = 0.3 * np.random.default_rng(7).normal(size=(40, 3)) + [1.9, -0.4, 0.7]
+    carriers = Carriers.of(device, joined(shell(), points, 0.004, 0.9), distance=0.06, seed=1)
+    graph = carriers.graph
+    assert np.array_equal(graph.order, np.arange(len(carriers)))
+    assert np.array_equal(graph.positions, carriers.positions)
+    own = np.repeat(np.arange(len(carriers)), np.diff(graph.rows))
+    apart = np.linalg.norm(carriers.positions[own] - carriers.positions[graph.neighbors], axis=1)
+    assert apart.max() < 8 * carriers.spacing
 
 
 def test_captures_have_the_same_pattern(device, data) -> None:

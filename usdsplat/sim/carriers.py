@@ -10,7 +10,7 @@ Sources: Lagae & Dutre 2008 on Poisson disks; Turk 1991 on relaxing points and r
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -159,8 +159,10 @@ class Carriers:
         neighbors = Neighbors(device, NeighborsParameters(target=target, skin=0.0), seed=seed)
         graph = neighbors.update(even, fitted(neighbors, even, 2))
         kept = np.diff(graph.rows) >= FEWEST
-        even = even[graph.order[kept]]  # in the order of cells, so that slots are rows
+        even = even[graph.order[kept]]
         graph = neighbors.update(even, fitted(neighbors, even, 2))
+        even, rows = even[graph.order], np.arange(len(even), dtype=np.int32)
+        graph = replace(graph, order=rows, rank=rows)  # slots are rows
         normals, surfaceness = grown(device, graph, np.zeros_like(even))
         return cls(
             positions=even,
