@@ -24,7 +24,9 @@ SOURCE = Path(__file__).with_name("shim.c")
 OLD = b"an earlier file"
 OUT = "out"
 KILLED, INTERRUPTED = -9, 130
-_UNCOUNTED = re.compile(r"\([0-9]+ %(, .*)?\)$|^libpng error: No IDATs")
+_UNCOUNTED = re.compile(
+    r"\([0-9]+ %(, .*)?\)$| so far(, .* was expected)?$|^libpng error: No IDATs"
+)
 """Lines of progress, and what libpng prints after an interrupt while it opens a file."""
 
 

@@ -172,18 +172,20 @@ def test_turns_of_gradients() -> None:
     np.testing.assert_allclose(out, wanted, atol=1e-6)
 
 
-def test_flight() -> None:
-    """Oracle: the CPU's loop."""
+@pytest.mark.parametrize("masked", [0, 20])
+def test_flight(masked: int) -> None:
+    """Oracle: the CPU's loop; also with factors for each splat."""
     rng = np.random.default_rng(7)
     where, speed = rng.uniform(-1, 1, (20, 3)).astype(F), rng.uniform(-1, 1, (20, 3)).astype(F)
     flags = rng.integers(0, 16, 20).astype(np.uint32)
+    factors = rng.uniform(0, 1, (masked, 4)).astype(F)
 
     def work(device: Device) -> Arrays:
         positions, velocities = where.copy(), speed.copy()
         device.run(
             flight.fly, positions, velocities, flags, np.uint32(1), np.uint32(2),
             np.array([0, -0.1, 0], F), np.array([1, 0, 0], F), np.zeros((0, 3), F), np.eye(4),
-            np.eye(3), F(0.5), 2.0, 0.3, F(0.9), F(0.04), F(10), 3,
+            np.eye(3), F(0.5), 2.0, 0.3, F(0.9), F(2.5), factors, F(0.04), F(10), 3,
         )  # fmt: skip
         return [positions, velocities]
 
