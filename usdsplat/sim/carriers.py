@@ -161,8 +161,9 @@ class Carriers:
         kept = np.diff(graph.rows) >= FEWEST
         even = even[graph.order[kept]]
         graph = neighbors.update(even, fitted(neighbors, even, 2))
-        even, rows = even[graph.order], np.arange(len(even), dtype=np.int32)
-        graph = replace(graph, order=rows, rank=rows)  # slots are rows
+        even = even[graph.order]
+        slots: I32 = np.arange(len(even), dtype=np.int32)
+        graph = replace(graph, order=slots, rank=slots)  # slots are rows
         normals, surfaceness = grown(device, graph, np.zeros_like(even))
         return cls(
             positions=even,
