@@ -1,5 +1,6 @@
-"""Progress listeners for stderr: a bar with the time left on a terminal, and plain lines elsewhere,
-which render managers and logs can read. Work that takes less than about a second is not reported.
+"""Progress listeners for stderr. On a terminal they show a bar with the time left, elsewhere plain
+lines, which render managers and logs can read. Work that takes less than about a second is not
+reported.
 
 Both estimate the time left from the steps so far, without the time in which kernels were compiled.
 Work that reports no steps is shown from another thread: its time so far, and if this machine did

@@ -61,7 +61,7 @@ class Reporter:
     def progress(
         self, compiled: Callable[[], float] = lambda: 0.0
     ) -> AbstractContextManager[Progress]:
-        """Return a progress listener, see `progress.listening`."""
+        """Return a progress listener for stderr; with --quiet one that shows nothing."""
         return nullcontext(silent) if self._quiet else listening(compiled)
 
     def announce_compilation(self, text: str = console.PICTURES) -> Callable[[str], None]:

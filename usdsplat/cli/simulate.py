@@ -77,8 +77,7 @@ class Options:
     """simulate each splat tree with at most so many splats, by refining its largest errors first;
     default: as on the stage, else 1000000"""
     resume: Annotated[bool, option()] = False
-    """continue an interrupted bake from its last checkpoint, or add the frames that --frames has
-    more than a finished one"""
+    """continue an interrupted bake, or add the further frames of --frames to a finished one"""
     force: Annotated[bool, option()] = False
     """replace an existing bake"""
     drop_checkpoint: Annotated[bool, option()] = False

@@ -180,7 +180,7 @@ class Phases:
         return made
 
     def abandon(self) -> None:
-        """Close the innermost phase, which has failed."""
+        """Remove the innermost phase after an error in it; its time is not kept."""
         self._open.pop()
 
     def end(self, phase: Phase) -> None:

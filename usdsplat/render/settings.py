@@ -17,7 +17,7 @@ FILE_KNOBS = (
 """Knobs of files, which views in a window do not offer."""
 
 NODE_MEMORY = 4096
-"""Memory for nodes of splat trees without any limit [MiB]."""
+"""Memory limit of the nodes of splat trees, where the settings have none [MiB]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

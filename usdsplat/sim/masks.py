@@ -58,7 +58,7 @@ _OPERATIONS = {
     "subtract": kernels.SUBTRACT,
 }  # fmt: skip
 _STEADY = ("primvar", "noise", "axis", "texture", "volume", "curves", "masks")
-"""Sources that depend on rest positions and the stage alone."""
+"""Sources whose values depend only on rest positions and the stage, not on the simulation."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

@@ -115,8 +115,8 @@ class NodeReader:
             waiting += [(child, number, depth + 1) for child in reversed(children)]
 
     def _node(self, parent: int) -> Iterator[int]:
-        """Read a long node; yield its number before each of its children, which the caller
-        reads."""
+        """Read a long node. The caller reads its children: before each of them, the number of
+        the node is yielded."""
         reader, bound = self._reader, None
         if reader.next() != "{":
             raise self._no_node(reader.value())

@@ -158,8 +158,8 @@ class StageRecipe:
 
     @property
     def files(self) -> tuple[str, ...]:
-        """Resolved paths of files that no layer of the stage is: chunks of a tree, and those that
-        masks have been read from."""
+        """Resolved paths of input files that are not layers of the stage: the chunks of a tree, and
+        files of masks."""
         return (*(self.cut.files if self.cut else ()), *self._masks.files)
 
     @property

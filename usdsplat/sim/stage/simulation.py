@@ -74,7 +74,7 @@ class Simulation:
         with phase("reading the stage", total=len(self.recipes) * len(frames)) as looked:
             self._look(frames, looked)
         self.files = tuple(file for each in self.recipes.values() for file in each.files)
-        """Resolved paths of files that no layer of the stage is, see `StageRecipe.files`."""
+        """Resolved paths of inputs that are not layers of the stage, see `StageRecipe.files`."""
         self.solvers: dict[str, Solver] = {}
         self._lap("stage")
         self._refine(refining, kind)
