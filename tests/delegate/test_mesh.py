@@ -13,8 +13,9 @@ from usdsplat.delegate.light import Light
 from usdsplat.delegate.mesh import Mesh
 from usdsplat.delegate.render_index import RenderIndex
 from usdsplat.delegate.render_param import RenderParam
+from usdsplat.render.lights.specs import LightSpec
 from usdsplat.render.scene import RenderScene
-from usdsplat.render.specs import LightSpec, MeshSpec
+from usdsplat.render.specs import MeshSpec
 
 
 def triangle() -> MeshSpec:

@@ -21,7 +21,8 @@ from usdsplat.kernels.device import Device
 from usdsplat.kernels.project import U, V
 from usdsplat.kernels.ray_hit import CENTER, GX, GY, HX, HY, HZ, REACH, ray_hit_at
 from usdsplat.render.frame_buffers import FrameBuffers
-from usdsplat.render.projector import ProjectedSplats, Projector
+from usdsplat.render.projected_splats import ProjectedSplats
+from usdsplat.render.projector import Projector
 from usdsplat.render.screen import Screen
 
 MODELS = ["perspective", "tangential", "orthographic"]

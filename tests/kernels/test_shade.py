@@ -8,8 +8,9 @@ import pytest
 from tests.kernels.ray_caster import rays
 from tests.render.surface_scenes import add, draw, mesh, screen_of, sheet, sphere
 from usdsplat.kernels import texture
+from usdsplat.render.lights.specs import LightSpec
 from usdsplat.render.scene import RenderScene
-from usdsplat.render.specs import LightSpec, MaterialSpec, TextureSpec
+from usdsplat.render.specs import MaterialSpec, TextureSpec
 
 pytestmark = pytest.mark.usefixtures("scenes_on_device")
 

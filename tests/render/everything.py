@@ -17,6 +17,7 @@ from tests.render.rendering import lens, random_cloud, settings_of, view_of
 from tests.render.surface_scenes import add, mesh, sheet
 from usdsplat.kernels.device import Device
 from usdsplat.render.deep_samples import DeepSamples
+from usdsplat.render.lights.specs import LightSpec
 from usdsplat.render.renderer import AOVS, Renderer
 from usdsplat.render.scene import RenderScene
 from usdsplat.render.specs import (
@@ -24,7 +25,6 @@ from usdsplat.render.specs import (
     FieldSpec,
     Framing,
     InstanceSpec,
-    LightSpec,
     MaterialSpec,
     TextureSpec,
     View,

@@ -19,8 +19,9 @@ from tests.render.surface_scenes import (
 )
 from usdsplat.kernels.device import cores
 from usdsplat.kernels.devices import open_device
+from usdsplat.render.lights.specs import LightSpec
 from usdsplat.render.scene import RenderScene
-from usdsplat.render.specs import InstanceSpec, LightSpec, MaterialSpec, TextureSpec
+from usdsplat.render.specs import InstanceSpec, MaterialSpec, TextureSpec
 from usdsplat.render.surface_cache import SurfaceCache
 from usdsplat.render.surfaces import Surfaces
 

@@ -45,6 +45,7 @@ from usdsplat.cli.render_options import (
     FileOptions,
     FramingOptions,
     LevelFlags,
+    LightFlags,
     SamplingFlags,
 )
 from usdsplat.cli.reporting import Reporter, ReportingOptions
@@ -91,6 +92,7 @@ class Options:
     """print one JSON object with the pictures, the files that --resume skipped, and the findings"""
     framing: FramingOptions = field(default_factory=FramingOptions)
     drawing: DrawingFlags = field(default_factory=DrawingFlags)
+    lights: LightFlags = field(default_factory=LightFlags)
     levels: LevelFlags = field(default_factory=LevelFlags)
     sampling: SamplingFlags = field(default_factory=SamplingFlags)
     color: ColorFlags = field(default_factory=ColorFlags)
@@ -122,7 +124,7 @@ def run(options: Options, reporter: Reporter) -> int:
         reporter.progress(compiled) as progress,
         on_compile(reporter.announce_compilation()),
     ):
-        named = (options.framing.camera, options.settings, *request.matte)
+        named = (options.framing.camera, options.settings, *request.matte, *request.catchers)
         keep = ("/Render", *(path for path in named if path and path[0] == "/"))
         stage = open_stage_or_capture(
             options.stage,
@@ -133,6 +135,7 @@ def run(options: Options, reporter: Reporter) -> int:
             progress=progress,
         )
         check_prims(stage, "--matte", request.matte)
+        check_prims(stage, "--catcher", request.catchers)
         first = first_frame(stage, options.frames)
         with Engine(stage, device=options.device, threads=options.threads, time=first) as engine:
             plans = plan_pictures(engine, request)
@@ -168,7 +171,7 @@ def _request(options: Options) -> RenderRequest:
     from usdsplat.products.request import RenderRequest
 
     framing, file = options.framing, options.file
-    flags = (options.drawing, options.levels, options.sampling, options.color, file)
+    flags = (options.drawing, options.lights, options.levels, options.sampling, options.color, file)
     return RenderRequest(
         output=options.output,
         camera=framing.camera,
@@ -180,6 +183,7 @@ def _request(options: Options) -> RenderRequest:
         aovs=aovs_of(options.aovs),
         purposes=names_of(framing.purposes),
         matte=names_of(framing.matte) or (),
+        catchers=names_of(framing.catcher) or (),
         holdout=framing.holdout,
         pixel_type="float" if file.float_ else "half" if file.half else None,
         deep=file.deep,

@@ -16,6 +16,11 @@ DrawingFlags: Any = flags_of(
     ),
     about="How splats and surfaces are drawn.",
 )  # fmt: skip
+LightFlags: Any = flags_of(
+    RenderSettings,
+    ("lighting", "ambient", "self_shadows", "shadow_resolution", "light_samples"),
+    about="Light and shadows.",
+)
 LevelFlags: Any = flags_of(
     RenderSettings,
     ("lod_error", "lod_samples", "node_wait", "node_memory", "node_lifetime"),
@@ -57,6 +62,8 @@ class FramingOptions:
     """some of default, render, proxy, guide, separated by commas; default: default,render"""
     matte: Annotated[str | None, option("/PRIM,/PRIM")] = None
     """prims that hide what is behind them and are not in the picture"""
+    catcher: Annotated[str | None, option("/PRIM,/PRIM")] = None
+    """prims that are not in the picture and whose shadows the AOV shadow holds"""
     holdout: Annotated[str | None, option("FILE")] = None
     """EXR with depth, flat or deep, that hides what is behind it; #### for the frame"""
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 from usdsplat.delegate.dirty_bits import DirtyBits
 from usdsplat.delegate.prim import SceneDelegate, Sprim
 from usdsplat.delegate.render_param import RenderParam
-from usdsplat.render.specs import LightSpec
+from usdsplat.render.lights.specs import LightSpec
 
 
 class Light(Sprim):
-    """A UsdLuxDistantLight at the engine's time."""
+    """A UsdLux light at the engine's time."""
 
     INITIAL_DIRTY_BITS = DirtyBits.TRANSFORM | DirtyBits.PARAMS | DirtyBits.VISIBILITY
 

@@ -14,8 +14,9 @@ from usdsplat.core.cloud import F64
 from usdsplat.delegate.dirty_bits import DirtyBits
 from usdsplat.delegate.instancing import InstancerSpec, Placement
 from usdsplat.delegate.render_param import RenderParam
+from usdsplat.render.lights.specs import LightSpec
 from usdsplat.render.lod.tree import TreeSpec
-from usdsplat.render.specs import CameraSpec, CropSpec, FieldSpec, LightSpec, MeshSpec
+from usdsplat.render.specs import CameraSpec, CropSpec, FieldSpec, MeshSpec
 
 
 class SceneDelegate(Protocol):

@@ -149,6 +149,15 @@ _ALL = (
         "colorInteropID",
     ),
     Aov(
+        name="shadow",
+        hydra="shadow",
+        channels=("shadow.R", "shadow.G", "shadow.B"),
+        kind="data",
+        meaning="light that arrives relative to that without shadows, of shadow catchers if there "
+        "are any, else of everything, the mean weighted by contributions to the pixel's coverage; "
+        "1 in empty pixels",
+    ),
+    Aov(
         name="forward",
         hydra="motionForward",
         channels=("forward.u", "forward.v"),

@@ -117,6 +117,16 @@ def conversion(source: str, target: str, *, grade: tuple[float, ...] = UNIT) -> 
     return np.array((*numbers[:2], *matrix.ravel(), *numbers[11:]), np.float32)
 
 
+def conversion_curve(name: str) -> F32:
+    """Return gamma and linear bias of a space's transfer curve, shape (2,); (1, 0) for data.
+
+    Raises:
+        UsageError: If the name is unknown.
+    """
+    space = color_space(name)
+    return np.array([space.gamma, space.linear_bias], np.float32)
+
+
 def is_identity(numbers: npt.NDArray[np.floating]) -> bool:
     """Return whether a `conversion` changes nothing, so that callers can skip it."""
     return bool(np.array_equal(numbers, np.array(_NEUTRAL, np.float32)))

@@ -21,8 +21,8 @@ from typing import Any
 import numpy as np
 
 RECORDS = (
-    "bins.GRID", "crop.CROP", "position.VIEW", "project.CAMERA", "shade.MATERIAL", "texture.LEVEL",
-    "triangles.APPEARANCE", "triangles.VIEW",
+    "bins.GRID", "crop.CROP", "lighting.LIGHT", "position.VIEW", "project.CAMERA", "shade.MATERIAL",
+    "texture.LEVEL", "triangles.APPEARANCE", "triangles.VIEW",
 )  # fmt: skip
 """Record types of kernel arguments: module and name."""
 HERE = "usdsplat.kernels"

@@ -115,6 +115,8 @@ class Display:
         elif name in ("confidence", "occlusion"):
             ramp = palette.RAMPS[display.colormap]
             run(false_color.fractions, pixels, arrays[BESIDE[name]], ramp, *end)
+        elif name == "shadow":
+            run(false_color.vectors, pixels, *_per_axis(np.zeros(3), np.ones(3)), *end)
         elif name == "P":
             low, high = subject if subject is not None else (np.zeros(3), np.ones(3))
             run(false_color.vectors, pixels, *_per_axis(low, high), *end)

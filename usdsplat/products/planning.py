@@ -142,6 +142,7 @@ def _finished(
         pixel_type=request.pixel_type or _pixel_type(spec, settings, is_png=is_png),
         pixel_types=_pixel_types(request, spec),
         matte=(*spec.matte, *((path, True) for path in request.matte)),
+        catchers=tuple((path, True) for path in request.catchers),
         holdout=request.holdout,
         deep=deep,
         compare=request.compare,

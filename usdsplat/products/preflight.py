@@ -43,7 +43,7 @@ def go_to(
         view = engine.view(plan.camera, framing=plan.framing)
     else:
         view = View(camera=camera, framing=plan.framing)
-    return replace(view, matte=plan.matte)
+    return replace(view, matte=plan.matte, catchers=plan.catchers)
 
 
 def of_picture(engine: Engine, plan: PicturePlan, camera: CameraSpec) -> Iterator[Finding]:

@@ -43,6 +43,8 @@ class RenderRequest:
     purposes: tuple[str, ...] | None = None
     matte: tuple[str, ...] = ()
     """Paths of mattes in addition to those of the product."""
+    catchers: tuple[str, ...] = ()
+    """Paths of shadow catchers in addition to prims that are such by themselves."""
     holdout: str | None = None
     """File with the depth of a holdout, with a placeholder for the frame number if there are
     several."""
@@ -81,6 +83,7 @@ class PicturePlan:
     pixel_types: tuple[tuple[str, PixelType], ...] = ()
     """Pairs (AOV or "alpha", type) for channels of an EXR with another type than usual."""
     matte: tuple[tuple[str, bool], ...] = ()
+    catchers: tuple[tuple[str, bool], ...] = ()
     holdout: str | None = None
     deep: bool = False
     compare: bool = True

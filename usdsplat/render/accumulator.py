@@ -22,14 +22,15 @@ class SampleAccumulator:
 
     Args:
         shape: Rows and columns.
-        names: The AOVs to average: color, albedo, layers of Cryptomatte.
+        names: The AOVs to average: color, albedo, shadow, layers of Cryptomatte.
     """
 
     def __init__(self, frame: FrameContext, shape: tuple[int, int], names: Sequence[str]) -> None:
         self._device = frame.device
         self._count = self._matte_count = 0
         self._sums: dict[str, npt.NDArray[Any]] = {}
-        sums = {"color": frame.buffers.sums.color, "albedo": frame.buffers.sums.albedo}
+        held = frame.buffers.sums
+        sums = {"color": held.color, "albedo": held.albedo, "shadow": held.shadow}
         for name in names:
             if name in sums:
                 self._sums[name] = sums[name](*shape)
@@ -52,7 +53,7 @@ class SampleAccumulator:
         self.add_mattes(arrays, groups)
 
     def add_images(self, arrays: Mapping[str, Any]) -> None:
-        """Add colour and albedo of one sample."""
+        """Add colour, albedo and shadow of one sample."""
         self._count += 1
         for name, held in self._sums.items():
             self._device.run(total.add, held, arrays[name])

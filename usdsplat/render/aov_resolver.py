@@ -9,17 +9,17 @@ import numpy as np
 
 from usdsplat.core.cloud import F32, I32
 from usdsplat.images.cryptomatte import LAYERS, rank_pairs
-from usdsplat.kernels import cryptomatte, feature, position, surface
+from usdsplat.kernels import cryptomatte, feature, position, receivers, surface
 from usdsplat.kernels import median as median_kernels
 from usdsplat.render.frame_context import FrameContext, FrameSample
 from usdsplat.render.matte_groups import MatteGroups
 from usdsplat.render.motion import Motion
 from usdsplat.render.occluders import Occluders
-from usdsplat.render.projector import ProjectedSplats
+from usdsplat.render.projected_splats import ProjectedSplats
 from usdsplat.render.surfaces import SurfaceBand
 from usdsplat.render.tile_lists import TileLists
 
-AVERAGED = ("color", "albedo", *LAYERS)
+AVERAGED = ("color", "albedo", "shadow", *LAYERS)
 """AOVs that are averaged over samples. Averages of other AOVs, such as ids, have no meaning."""
 SURFACE = {"Neye", "confidence", "occlusion"}
 """AOVs for which the normals of surfaces are needed."""
@@ -104,6 +104,8 @@ class AovResolver:
             arrays["depthFront"] = self._nearest("front")["depth"]
         if wanted & SUMMED:
             arrays |= self._features(left, wanted)
+        if "shadow" in wanted:
+            arrays["shadow"] = self.shadow(left)
         for layer, groups in mattes.items():
             arrays[layer] = self._matte(layer, groups, left, raw=raw)
         if "color" in wanted:
@@ -124,6 +126,28 @@ class AovResolver:
             layer: self._matte(layer, groups, left, raw=True) for layer, groups in mattes.items()
         }
         return SplatLayers(color=color, albedo=albedo, left=left), ranked
+
+    def shadow(self, left: F32 | None) -> F32:
+        """Return the ratio of light with and without shadows, shape (h, w, 3), after colour.
+
+        Args:
+            left: Transmittance to the surfaces; None without surfaces.
+        """
+        out: F32 = self._buffers.shadow(*self._tiles.shape)
+        lighting, shadows = self._sample.lighting, self._sample.shadows
+        if lighting is None or shadows is None:
+            self._run(receivers.no_shadow, out)
+            return out
+        splats = self._tiles.painted(*shadows)
+        ratio, prims = np.empty((0, 3), np.float32), np.empty(0, np.int32)
+        if self._surfaces is not None and self._surfaces.received is not None:
+            ratio, prims = self._surfaces.received
+        self._run(
+            receivers.shadow, splats, np.empty((0, 0), np.float32) if left is None else left, ratio,
+            prims, lighting.catching, lighting.has_catchers, out,
+        )  # fmt: skip
+        self._frame.clock.lap("shadow")
+        return out
 
     # --- private ---------------------------------------------------------------------------
 

@@ -16,7 +16,7 @@ from usdsplat.kernels import display, feature, sort
 from usdsplat.kernels.device import Device
 from usdsplat.render.buffers import Memory
 from usdsplat.render.frame_buffers import DisplayBuffers
-from usdsplat.render.projector import ProjectedSplats
+from usdsplat.render.projected_splats import ProjectedSplats
 
 RADIUS, SMALLEST = 1.5, 0.7
 """Radius of a dot [pixel]: in the full picture, and the minimum in a coarse preview."""

@@ -41,10 +41,12 @@ from usdsplat.render.band import Band
 from usdsplat.render.deep_samples import DeepSamples
 from usdsplat.render.display import displayed
 from usdsplat.render.frame_context import FrameContext, FrameSample
+from usdsplat.render.lights.lighting import lighting_of, with_catchers
 from usdsplat.render.lod.nodes import samples_of
 from usdsplat.render.motion import Motion
 from usdsplat.render.occluders import Occluders, with_holdout
-from usdsplat.render.projector import ProjectedSplats, Projector
+from usdsplat.render.projected_splats import ProjectedSplats
+from usdsplat.render.projector import NO_GAINS, Projector
 from usdsplat.render.rasterizer import WholeImage
 from usdsplat.render.screen import Screen
 from usdsplat.render.specs import CameraSpec, View
@@ -129,7 +131,7 @@ def add_repeated(
         aovs: Averaged AOVs.
         sums: The accumulator of the picture.
     """
-    (x0, y0, x1, y1), behind = window, None
+    (x0, y0, x1, y1), behind, shadow = window, None, None
     mean = LayerAverage(frame, (y1 - y0, x1 - x0))
     for each in repeated:
         sample = prepare(frame, each, window, aovs)
@@ -137,7 +139,10 @@ def add_repeated(
             mean.add(SplatLayers(color=sample.splats.rows(y0, y1), albedo=None, left=None))
             continue
         tiles, occluders, behind = bin_band(frame, sample, (y0, y1))
-        layers, mattes = AovResolver(frame, sample, tiles, occluders, behind).layers(aovs)
+        resolver = AovResolver(frame, sample, tiles, occluders, behind)
+        layers, mattes = resolver.layers(aovs)
+        if "shadow" in aovs and shadow is None:  # of one of them: they differ in far splats alone
+            shadow = resolver.shadow(layers.left)
         mean.add(layers)
         sums.add_mattes(mattes, sample.groups)
         frame.stats.blocks += tiles.blocks
@@ -148,6 +153,8 @@ def add_repeated(
     if found.albedo is not None:
         under = None if behind is None else behind.albedo
         arrays["albedo"] = composited(frame, found.albedo, found.left, under, counts=False)
+    if shadow is not None:
+        arrays["shadow"] = shadow
     sums.add_images(arrays)
     frame.clock.lap("accumulate")
 
@@ -218,6 +225,7 @@ def prepare(
         aovs: The AOVs that will be drawn.
     """
     scene, view = frame.sampler(sample.time)
+    view = with_catchers(scene, view)
     screen = replace(Screen.of(view), window=window).through(
         sample.lens, view.camera.focus_distance, sample.offset
     )
@@ -225,11 +233,18 @@ def prepare(
     frame.clock.lap("surfaces")
     layout = frame.layout(scene, sample.fade)
     inner = _inner_screen(view, window, sample) if frame.nodes else None
-    projector = Projector(
-        frame.device, frame.buffers, layout, screen, frame.settings, frame.blend_space, inner
+    lighting = lighting_of(
+        frame.rasterizer, frame.buffers, frame.settings, scene, view, layout, aovs
     )
+    gains = NO_GAINS if lighting is None else lighting.gains
+    if lighting is not None:
+        frame.clock.lap("light splats")
+    projector = Projector(
+        frame.device, frame.buffers, layout, screen, frame.settings, frame.blend_space, inner,
+        gains,
+    )  # fmt: skip
     occludes = surfaces is not None or frame.holdout is not None
-    if set(aovs) == {"color"} and not occludes:
+    if set(aovs) == {"color"} and not occludes and not gains:
         # None unless this device fuses the steps for such a picture
         whole = frame.rasterizer.draw_color(projector, view.matte, frame.buffers, frame.stats)
         if whole is not None:
@@ -244,8 +259,12 @@ def prepare(
         if mode == "ellipses":  # each splat is drawn twice: the ellipse and its outline
             frame.stats.visible = splats.order.shape[0] // 2
         frame.clock.lap("display")
+    shadows = None
+    if "shadow" in aovs and lighting is not None:
+        caught = projector.weights_of(splats, lighting.catches) if lighting.has_catchers else None
+        shadows = projector.ratios(splats.order, lighting.ratios), caught
     groups = {layer: scene.matte_groups(layer) for layer in LAYERS if layer in aovs}
-    return FrameSample(screen, splats, surfaces, groups)
+    return FrameSample(screen, splats, surfaces, groups, lighting, shadows)
 
 
 def _inner_screen(view: View, window: tuple[int, int, int, int], sample: sampling.Sample) -> Screen:
@@ -317,6 +336,8 @@ def bin_band(
     surfaces, occluders = None, Occluders()
     if sample.surfaces is not None:
         surfaces = sample.surfaces.draw(y0, y1, frame.buffers)
+        if sample.lighting is not None:
+            surfaces = sample.lighting.lit(surfaces, sample.screen, x0, y0)
         occluders = Occluders(surfaces.depth, surfaces.covered)
         frame.clock.lap("surfaces")
     if frame.holdout is not None:

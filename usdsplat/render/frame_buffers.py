@@ -6,7 +6,7 @@ from typing import Any, get_type_hints
 
 import numpy as np
 
-from usdsplat.kernels import cryptomatte, feature, project, ray_hit, sort, weigh
+from usdsplat.kernels import cryptomatte, feature, lighting, project, ray_hit, sort, weigh
 from usdsplat.render.buffers import Buffer, BufferGroup, Empty, KernelBuffers, LentMemory
 
 F32, I32, I64, U8, U32 = np.float32, np.int32, np.int64, np.uint8, np.uint32
@@ -60,6 +60,10 @@ class SplatBuffers(BufferGroup):
     """`ray_hits` in order of depth, shape (visible, RAY_HIT)."""
     ordered_features = Buffer(lambda visible: (visible, feature.FEATURES), F32)
     """`features` in order of depth, shape (visible, FEATURES)."""
+    ordered_ratios = Buffer(lambda visible: (visible, feature.FEATURES), F32)
+    """Ratios of light in the columns of albedo, in order of depth, shape (visible, FEATURES)."""
+    catches = Buffer(lambda visible: (visible,), F32)
+    """1 for splats of shadow catchers, shape (visible,)."""
     keeps = Buffer(lambda visible: (visible,), F32)
     """0 for splats that only hold out, shape (visible,)."""
     labels = Buffer(lambda visible: (visible,), I32)
@@ -137,6 +141,8 @@ class PixelBuffers(BufferGroup):
     """Transmittance of the splats to the surfaces, shape (h, w)."""
     normals = Buffer(lambda height, width: (height, width, 3), F32)
     """Unit normals, shape (h, w, 3)."""
+    shadow = Buffer(lambda height, width: (height, width, 3), F32)
+    """Ratio of the light with and without shadows, shape (h, w, 3)."""
     axes = Buffer(lambda height, width: (height, width, 3), F32)
     """Unit normals by the splats' thinnest axes, shape (h, w, 3)."""
     confidence = Buffer(lambda height, width: (height, width), F32)
@@ -215,6 +221,21 @@ class SurfaceBuffers(BufferGroup):
     """Shape (h, w, 2)."""
 
 
+class LitBuffers(BufferGroup):
+    """Surfaces of a band as receivers of light, pixel after pixel."""
+
+    points = Buffer(lambda height, width: (height * width, 3), np.float64)
+    """Positions in the world, shape (h w, 3)."""
+    normals = Buffer(lambda height, width: (height * width, 4), F32)
+    """Unit normals and 1, shape (h w, 4)."""
+    prims = Buffer(lambda height, width: (height * width,), I32)
+    """Number of the prim, -1 for none, shape (h w,)."""
+    sums = Buffer(lambda height, width: (height * width, lighting.SUMS), F32)
+    """Light with and without shadows, shape (h w, SUMS)."""
+    ratios = Buffer(lambda height, width: (height * width, 3), F32)
+    """Their ratio, shape (h w, 3)."""
+
+
 class TriangleBuffers(KernelBuffers):
     """Lists of the triangles of each tile, filled by `kernels.raster.tile_lists`."""
 
@@ -233,6 +254,8 @@ class TriangleBuffers(KernelBuffers):
 class SumBuffers(BufferGroup):
     """Sums over the samples of a band."""
 
+    shadow = Buffer(lambda height, width: (height, width, 3), F32)
+    """Shape (h, w, 3)."""
     color = Buffer(lambda height, width: (height, width, 4), F32)
     """Shape (h, w, 4)."""
     albedo = Buffer(lambda height, width: (height, width, 3), F32)
@@ -274,6 +297,7 @@ class FrameBuffers:
     normals: ImageBuffers
     depths: ImageBuffers
     axes: ImageBuffers
+    shadows: ImageBuffers
     median: NearestBuffers
     """Splat at which half of the coverage is reached."""
     front: NearestBuffers
@@ -283,6 +307,7 @@ class FrameBuffers:
     crypto_asset: MatteBuffers
     crypto_material: MatteBuffers
     surfaces: SurfaceBuffers
+    lit: LitBuffers
     triangles: TriangleBuffers
     sums: SumBuffers
     layers: LayerBuffers
@@ -292,11 +317,13 @@ class FrameBuffers:
             setattr(self, name, group(empty))
         self.samples = LentMemory(empty)
         """Memory of deep samples, which the caller keeps."""
+        self.lights: Any = None
+        """What lighting keeps between pictures, see `lights.lighting`."""
         self.fused: Any = None
         """State that a device keeps for its fused path, see `Rasterizer.draw_color`."""
 
     def image(self, name: str) -> ImageBuffers:
-        """Return the group of "color", "albedo", "normals", "depths" or "axes"."""
+        """Return the group of "color", "albedo", "normals", "depths", "axes" or "shadows"."""
         group: ImageBuffers = getattr(self, name)
         return group
 

@@ -5,16 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
+from usdsplat.core.cloud import F32
 from usdsplat.kernels.device import Device
 from usdsplat.render.draw_list import DrawList
 from usdsplat.render.fields import Drawn
 from usdsplat.render.frame_buffers import FrameBuffers
 from usdsplat.render.frame_stats import Clock, FrameStats
+from usdsplat.render.lights.lighting import Lighting
 from usdsplat.render.lod.nodes import PictureNodes
 from usdsplat.render.matte_groups import MatteGroups
 from usdsplat.render.occluders import ReadHoldout
 from usdsplat.render.output import Output
-from usdsplat.render.projector import ProjectedSplats
+from usdsplat.render.projected_splats import ProjectedSplats
 from usdsplat.render.rasterizer import Rasterizer, WholeImage
 from usdsplat.render.scene import RenderScene
 from usdsplat.render.screen import Screen
@@ -40,6 +42,11 @@ class FrameSample:
     """The scene's meshes; None if there are none."""
     groups: Mapping[str, MatteGroups]
     """Requested layer of Cryptomatte -> its groups."""
+    lighting: Lighting | None = None
+    """Light of the scene; None if nothing depends on it."""
+    shadows: tuple[F32, F32 | None] | None = None
+    """Rows of features with the ratios of light, see `Projector.ratios`, and weights of
+    the splats that count, None for all but mattes; None if they are not needed."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

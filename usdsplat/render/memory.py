@@ -67,6 +67,7 @@ PIXELS = {
     "Naxis": "axes",
     "confidence": "confidence",
     "occlusion": "occlusion",
+    "shadow": "shadow",
     "depthExpected": "expected_depth",
     "P": "positions",
     "motionForward": "motion_forward",

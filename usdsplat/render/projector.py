@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -11,14 +12,15 @@ import numpy.typing as npt
 
 from usdsplat.core.cloud import F32, F64, I32
 from usdsplat.core.errors import UsageError
-from usdsplat.images.color import conversion, is_identity
-from usdsplat.kernels import blocks, feature, project, radiance, ray_hit, sort
+from usdsplat.images.color import conversion, conversion_curve, is_identity
+from usdsplat.kernels import blocks, feature, project, radiance, ray_hit, receivers, sort
 from usdsplat.kernels.device import Device
 from usdsplat.render.buffers import Memory
 from usdsplat.render.crop_volumes import volumes
 from usdsplat.render.draw_list import DrawList, Group, Placements
 from usdsplat.render.frame_buffers import FrameBuffers
 from usdsplat.render.matte import is_matte
+from usdsplat.render.projected_splats import HeldInputs, ProjectedSplats
 from usdsplat.render.screen import Screen
 from usdsplat.render.settings import RenderSettings
 from usdsplat.render.specs import FieldSpec
@@ -26,52 +28,14 @@ from usdsplat.render.splat_normals import NO_SURFACE
 
 BEHIND = -1e30
 """Depth of hidden instances, in front of every near plane [scene unit]."""
+Gains = Mapping[int, tuple[object, Any]]
+"""First slot of a group -> token of its gains, and factors r g b of each instance and splat, shape
+(m n, 3)."""
+NO_GAINS: Gains = MappingProxyType({})
 NO_WEIGHTS: F32 = np.empty(0, np.float32)
 DOT_REACH = 4
 """Distance beyond the data window within which display mode points keeps splats [pixel]. Their dots
 may be larger than the splats."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ProjectedSplats:
-    """Visible splats of a view, nearest first; row k of every array is rank k.
-
-    Arrays belong to the device; fetch them to read them on the host.
-    """
-
-    records: F32
-    """Shape (n, project.RECORD)."""
-    order: I32
-    """Slot of each splat, shape (n,)."""
-    sources: I32
-    """Row of each slot in its field."""
-    layout: DrawList
-    ray_hits: F32
-    """Shape (n, ray_hit.RAY_HIT), or empty if ray hits are not needed."""
-    features: F32
-    """Shape (n, feature.FEATURES), or empty if not needed."""
-    keeps: F32
-    """0 for splats of mattes, shape (n,); empty without mattes."""
-    labels: I32
-    """Number of each splat's prim, shape (n,), or empty if not needed."""
-    is_parallel: bool
-    """Whether all rays are parallel."""
-    near: float
-    """Planar depth in front of which nothing is visible [scene unit]."""
-    stamp: object
-    """Token that is replaced whenever a footprint or the order changes: tile lists depend on it."""
-
-
-@dataclass(slots=True, eq=False)
-class _Held:
-    """Inputs of the last picture, by the first slot of each group, for reuse of its results."""
-
-    shapes: dict[int, Any] = field(default_factory=dict)
-    """Everything that the footprints depend on; None if they cannot be reused."""
-    radiance: dict[int, Any] = field(default_factory=dict)
-    """Everything else that the colours depend on."""
-    order: Any = None
-    stamp: object = None
 
 
 class Projector:
@@ -85,6 +49,7 @@ class Projector:
         layout: The splats to draw.
         blend_space: Colour space in which splats are blended.
         inner: Projection of the coarse levels of splat trees, if it is another.
+        gains: Factors on the linear colours of lit groups, by their first slot.
 
     Raises:
         UsageError: If the scene has 2**31 splats or more.
@@ -99,6 +64,7 @@ class Projector:
         settings: RenderSettings,
         blend_space: str,
         inner: Screen | None = None,
+        gains: Gains = NO_GAINS,
     ) -> None:
         self._device = device
         self._buffers = buffers.splats
@@ -107,6 +73,7 @@ class Projector:
         self.settings = settings
         self._blend_space = blend_space
         self._degree = settings.sh_degree
+        self._gains = gains
         self._is_ordered = False
         if self.layout.slots > np.iinfo(np.int32).max:
             found = f"{self.layout.slots} splats in one view"
@@ -124,7 +91,7 @@ class Projector:
         self._features = buffers.features(0)
         self._found = buffers.found(len(self.layout.block_starts))
         self._parts, end = [], 0
-        self._held, self._now = self._take_held(), _Held()
+        self._held, self._now = self._take_held(), HeldInputs()
         for group in self.layout.groups:
             self._parts.append((group, self._found[end : end + group.all_blocks]))
             self._now.shapes[group.slot] = self._shape(group, end)
@@ -141,6 +108,7 @@ class Projector:
             self._now.radiance[group.slot] = colors = self._colors(group)
             if self._held.radiance.get(group.slot) != colors:
                 self._radiance(group, found, self._records, project.RED, self._degree)
+                self._dim(group, found)
 
     def find_ray_hits(self) -> None:
         """Compute the coefficients of ray hits, see `kernels.ray_hit`."""
@@ -198,7 +166,7 @@ class Projector:
 
     # --- reuse between pictures ------------------------------------------------------------
 
-    def _take_held(self) -> _Held:
+    def _take_held(self) -> HeldInputs:
         """Return the inputs of the last picture, and mark its buffers as overwritten."""
         first, *others = (each.content for each in self._holding)
         ordered = self._buffers.ordered
@@ -206,7 +174,7 @@ class Projector:
         for each in (*self._holding, ordered):
             each.content = None
         holds = first is not None and all(each is first for each in others)
-        return first if holds else _Held()
+        return first if holds else HeldInputs()
 
     @property
     def _holding(self) -> tuple[Memory, ...]:
@@ -304,6 +272,7 @@ class Projector:
             self.sights(group.placements).tobytes(),
             self._degree,
             numbers.tobytes(),
+            *self._gains.get(group.slot, ())[:1],
         )
 
     def _radiance(self, group: Group, found: I32, paints: F32, column: int, degree: int) -> None:
@@ -314,6 +283,48 @@ class Projector:
             keep(group.cloud.sh), min(degree, group.cloud.sh_degree), numbers,
             converts, group.block, group.slot, self._sources, found, paints, column,
         )  # fmt: skip
+
+    def _dim(self, group: Group, found: I32) -> None:
+        """Multiply the colours of a group by its gains."""
+        if group.slot not in self._gains:
+            return
+        _, gains = self._gains[group.slot]
+        keep, none = self._device.keep, np.empty(0, np.int32)
+        curve = conversion_curve(self._blend_space)
+        self._device.run(
+            receivers.dim, gains, len(group.field.spec.cloud), len(group.cloud),
+            none if group.rows is None else keep(group.rows), curve, group.block, group.slot,
+            self._sources, found, self._records, project.RED,
+        )  # fmt: skip
+
+    def ratios(self, order: I32, gains: Gains) -> F32:
+        """Return rows of features, in order of depth, that hold gains in the columns of albedo.
+
+        They are rows of buffers that the next call overwrites.
+        """
+        buffer = self._buffers.features(self.layout.slots)
+        missing = None, np.empty((0, 3), np.float32)
+        for group, found in self._parts:
+            _, own = gains.get(group.slot, missing)
+            self._device.run(
+                receivers.spread_gains, own, len(group.field.spec.cloud), len(group.cloud),
+                group.block, group.slot, self._sources, found, buffer, feature.ALBEDO,
+            )  # fmt: skip
+        return self._gather(self._buffers.ordered_ratios, order, buffer)
+
+    def weights_of(self, splats: ProjectedSplats, counts: Callable[[str], bool]) -> F32:
+        """Return 1 for the splats of prims that count, by their paths, else 0, in order of
+        depth."""
+        of_prims = np.array([counts(path) for path in self.layout.prims], np.float32)
+        numbers = of_prims[self.layout.labels[:, 0]]
+        found: F32 = self._label(self._buffers.catches, splats.order, numbers, True)
+        return found
+
+    def appearances(self, order: I32) -> I32:
+        """Return the number of each splat's appearance, in order of depth."""
+        numbers = np.arange(len(self.layout.labels), dtype=np.int32)
+        found: I32 = self._label(self._buffers.labels, order, numbers, True)
+        return found
 
     def _find_ray_hits(self, group: Group, found: I32) -> None:
         cloud, keep = group.cloud, self._device.keep

@@ -13,7 +13,8 @@ from usdsplat.render.draw_list import DrawList
 from usdsplat.render.frame_buffers import FrameBuffers
 from usdsplat.render.frame_stats import FrameStats
 from usdsplat.render.occluders import Occluders
-from usdsplat.render.projector import ProjectedSplats, Projector
+from usdsplat.render.projected_splats import ProjectedSplats
+from usdsplat.render.projector import Projector
 from usdsplat.render.tile_lists import TileLists
 
 

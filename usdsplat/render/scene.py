@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -12,11 +14,12 @@ from usdsplat.core.extent import extent
 from usdsplat.render.cropping import inside
 from usdsplat.render.draw_list import DrawList, draw_list
 from usdsplat.render.fields import Box, Drawn, DrawnMesh, Field, Mesh
+from usdsplat.render.lights.specs import LightSpec
 from usdsplat.render.lod.appearances import Laid
 from usdsplat.render.lod.cache import NodeCache
 from usdsplat.render.lod.tree import Tree, TreeSpec
 from usdsplat.render.matte_groups import MatteGroups, matte_groups
-from usdsplat.render.specs import CropSpec, FieldSpec, InstanceSpec, LightSpec, MeshSpec
+from usdsplat.render.specs import CropSpec, FieldSpec, InstanceSpec, MeshSpec
 
 SUBJECT = 0.004
 """Fraction of the splats, at either end of each axis, that may be outliers far from the subject."""
@@ -83,6 +86,14 @@ def _measured(thing: Field | Mesh, name: str, measure: Any) -> Any:
     if getattr(thing, name) is None:
         setattr(thing, name, measure(thing.spec))
     return getattr(thing, name)
+
+
+def _joined(boxes: list[Box]) -> Box | None:
+    """Return the box around all boxes; None if there are none."""
+    if not boxes:
+        return None
+    lows, highs = zip(*boxes, strict=True)
+    return np.min(lows, axis=0), np.max(highs, axis=0)
 
 
 def _left_by_crops(field: Field) -> list[Box]:
@@ -206,6 +217,16 @@ class RenderScene:
         return tuple(self._lights[path] for path in sorted(self._lights))
 
     @property
+    def named_lights(self) -> Mapping[str, LightSpec]:
+        """All lights by path."""
+        return MappingProxyType(self._lights)
+
+    def catchers(self) -> set[str]:
+        """Return the paths of all drawn prims that are shadow catchers by themselves."""
+        splats = {each.path for _, field, each in self.drawn() if field.spec.is_catcher}
+        return splats | {each.path for _, mesh, each in self.drawn_meshes() if mesh.spec.is_catcher}
+
+    @property
     def splat_count(self) -> int:
         """Number of splats of all captures; instances do not count."""
         trees = sum(tree.spec.captured for tree in self._trees.values())
@@ -304,6 +325,20 @@ class RenderScene:
         outliers."""
         return self._union("subject", _subject)
 
+    def caster_bounds(self) -> tuple[Box | None, Box | None]:
+        """Return the bounds of the visible fields, without outliers, and those of the meshes."""
+        fields = [
+            _place(box, field.instances)
+            for field in self.visible_fields()
+            if (box := _measured(field, "subject", _subject)) is not None
+        ]
+        meshes = [
+            _place(box, mesh.instances)
+            for mesh in self._meshes.values()
+            if mesh.is_drawn and (box := _measured(mesh, "local", _extent)) is not None
+        ]
+        return _joined(fields), _joined(meshes)
+
     def subject_of(self, thing: Field | Mesh) -> Box | None:
         """Return the subject of one field or mesh in local space, ignoring its crops."""
         return _measured(thing, "subject", _subject)
@@ -329,10 +364,7 @@ class RenderScene:
             box = _measured(thing, name, measure)
             if box is not None:
                 boxes.append(_place(box, thing.instances))
-        if not boxes:
-            return None
-        lows, highs = zip(*boxes, strict=True)
-        return np.min(lows, axis=0), np.max(highs, axis=0)
+        return _joined(boxes)
 
     def _forget_order(self) -> None:
         self._drawn = None

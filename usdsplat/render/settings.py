@@ -77,6 +77,36 @@ class RenderSettings:
         unit="s",
         range=(0.0, 1e6),
     )
+    lighting: Literal["captured", "shadowed"] = knob(
+        "captured",
+        "light of splats: captured shows them as they were photographed; shadowed darkens them "
+        "where other prims stand between them and the lights of the stage, and surfaces cast and "
+        "receive shadows",
+    )
+    ambient: float = knob(
+        0.2,
+        "light that no light of the stage explains, as a part of the mean irradiance of a field; "
+        "it keeps shadows on splats and on shadow catchers from being black",
+        range=(0.0, 100.0),
+    )
+    self_shadows: bool = knob(
+        False,
+        "whether splats of a field cast shadows on others of the same field; a capture already "
+        "shows the shadows of its own day",
+    )
+    shadow_resolution: int = knob(
+        2048,
+        "longer side of the pictures that lights take of meshes, whose shadows are sharp to a "
+        "pixel of them; shadows of splats do not depend on it",
+        unit="pixel",
+        range=(16, 16384),
+    )
+    light_samples: int = knob(
+        16,
+        "number of directions or points that stand for a light with an extent; more make penumbras "
+        "smoother",
+        range=(1, 4096),
+    )
     blend_space: Literal["auto", "linear"] = knob(
         "auto",
         "colour space in which splats are blended: auto is the space the captures were trained in, "

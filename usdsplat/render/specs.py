@@ -18,6 +18,7 @@ IDENTITY: Matrix = (1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 
 
 RasterizeMode = Literal["classic", "antialiased", "footprint"]
 ProjectionMode = Literal["perspective", "tangential"]
+LightingMode = Literal["auto", "captured", "shadowed"]
 SortingMode = Literal["zDepth", "cameraDistance", "rayHitDistance"]
 CropShape = Literal["sphere", "cube", "cylinder", "cone", "capsule", "plane"]
 Wrap = Literal["black", "clamp", "repeat", "mirror"]
@@ -85,6 +86,10 @@ class FieldSpec:
     it."""
     surface: SurfaceSpec | None = None
     """Authored normals; None if they are computed when they are needed."""
+    lighting: LightingMode = "auto"
+    """Light of the splats; auto for that of the picture."""
+    is_catcher: bool = False
+    """Whether the prim is a shadow catcher."""
 
     def drawn_mode(self, mode: str) -> RasterizeMode:
         """Return how the low-pass changes opacity, for `RenderSettings.rasterize_mode`."""
@@ -154,17 +159,8 @@ class MeshSpec:
     """Number of each triangle's material, shape (t,); None if all have the first one."""
     double_sided: bool = True
     """Whether triangles are visible from behind."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LightSpec:
-    """Directional light, infinitely far away."""
-
-    direction: tuple[float, float, float]
-    """Direction in which the light travels, in the world, unit length."""
-    irradiance: tuple[float, float, float]
-    """Irradiance on a surface that faces the light, divided by π: the radiance of a white diffuse
-    surface. Linear Rec.709."""
+    is_catcher: bool = False
+    """Whether the prim is a shadow catcher."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -246,3 +242,6 @@ class View:
     matte: tuple[tuple[str, bool], ...] = ()
     """Rules (path, is matte). A matte hides what is behind it and is not in the picture. The
     longest path at or above a prim decides."""
+    catchers: tuple[tuple[str, bool], ...] = ()
+    """Rules (path, is catcher) in the form of `matte`. A shadow catcher is a matte on which the AOV
+    of shadows is drawn. Prims that are catchers by themselves are added."""

@@ -7,7 +7,7 @@ shade                   the same
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,10 +20,10 @@ from usdsplat.kernels import bins, raster, shade, triangles
 from usdsplat.kernels.device import Device
 from usdsplat.render.fields import DrawnMesh, distinct_meshes
 from usdsplat.render.frame_buffers import FrameBuffers
+from usdsplat.render.lights.specs import LightSpec
 from usdsplat.render.matte import is_matte
 from usdsplat.render.scene import RenderScene
 from usdsplat.render.screen import Screen
-from usdsplat.render.specs import LightSpec
 from usdsplat.render.surface_cache import PackedMeshes, SurfaceCache
 
 
@@ -53,6 +53,9 @@ class SurfaceBand:
     shape (2, h, w)."""
     bary: F32
     """Weights of the triangle's corners 1 and 2 at the pixel's centre, shape (h, w, 2)."""
+    received: tuple[F32, I32] | None = None
+    """Ratio of the light with and without shadows, shape (h * w, 3), and number of the prim, -1
+    where there is no surface, shape (h * w,); None if they are not needed."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -80,17 +83,23 @@ class Surfaces:
         matte: tuple[tuple[str, bool], ...] = (),
         *,
         cache: SurfaceCache | None = None,
+        shows: Callable[[str], bool] | None = None,
+        is_two_sided: bool = False,
     ) -> Surfaces | None:
         """Project all triangles of a scene to the screen. Return None if no mesh is drawn.
 
         Args:
             matte: See `View.matte`.
             cache: Keeps the layout of the meshes for the next picture.
+            shows: Whether the mesh at a path is drawn; None if all are.
+            is_two_sided: Whether all meshes are drawn from both sides.
 
         Raises:
             UsageError: If there are 2**31 triangles or more.
         """
         drawn = scene.drawn_meshes()
+        if shows is not None:
+            drawn = [each for each in drawn if shows(each[2].path)]
         cache = cache or SurfaceCache()
         if not drawn:
             cache.clear()
@@ -104,6 +113,8 @@ class Surfaces:
         transforms = np.array([instance.transform for _, _, instance in drawn], np.float64)
         matrices = screen.world_to_camera[:3] @ transforms.reshape(-1, 4, 4)
         records = _appearances(drawn, which, packed, matrices, scene.prims(), matte)
+        if is_two_sided:
+            records["double_sided"] = True
         vertices = device.resident((int(vertex_firsts[-1]), triangles.VERTEX), np.float64)
         boxes = device.resident((int(firsts[-1]), 4), np.int32)
         keep = device.keep
@@ -123,7 +134,7 @@ class Surfaces:
             boxes=boxes,
             normal_matrices=keep(_normal_matrices(matrices[:, :, :3])),
             looks=packed.looks,
-            lights=keep(_lights(scene.lights, screen)),
+            lights=keep(_lights([each for each in scene.lights if each.is_plain], screen)),
         )
 
     @property
@@ -138,18 +149,6 @@ class Surfaces:
             UsageError: If triangles touch 2**31 tiles or more.
         """
         x0, _, x1, _ = self.window
-        run = self.device.run
-        grid = bins.grid_of(x0, y0, x1, y1)
-        scene = self.view, self.shapes, self.boxes, grid
-        starts, lists, pairs = run(
-            raster.tile_lists,
-            *scene,
-            bins.tiles_in(grid),
-            4 * self.device.threads,
-            buffers.triangles.get,
-        )
-        if pairs > bins.MOST_PAIRS:
-            raise UsageError("band", f"{pairs} pairs of triangle and tile", "less than 2**31")
         shape = y1 - y0, x1 - x0
         made = buffers.surfaces
         winner = made.winner(*shape)
@@ -163,13 +162,38 @@ class Surfaces:
             hit=made.hit(*shape),
             bary=made.bary(*shape),
         )
-        run(raster.raster, *scene, starts, lists, band.depth, winner)
-        run(
+        self._raster(y0, y1, buffers, band.depth, winner)
+        self.device.run(
             shade.shade, self.view, self.shapes, self.normal_matrices, self.looks, self.lights,
             np.array([x0, y0], np.int64), winner,
             (band.color, band.normal, band.albedo, band.covered, band.ids, band.hit, band.bary),
         )  # fmt: skip
         return band
+
+    def draw_depths(self, buffers: FrameBuffers) -> F32:
+        """Return the depths of the whole data window, see `SurfaceBand`."""
+        x0, y0, x1, y1 = self.window
+        shape = y1 - y0, x1 - x0
+        depths: F32 = buffers.surfaces.depth(*shape)
+        self._raster(y0, y1, buffers, depths, buffers.surfaces.winner(*shape))
+        return depths
+
+    def _raster(self, y0: int, y1: int, buffers: FrameBuffers, depth: F32, winner: I32) -> None:
+        """Find the nearest triangle of each pixel of some rows, and its depth."""
+        x0, _, x1, _ = self.window
+        run = self.device.run
+        grid = bins.grid_of(x0, y0, x1, y1)
+        scene = self.view, self.shapes, self.boxes, grid
+        starts, lists, pairs = run(
+            raster.tile_lists,
+            *scene,
+            bins.tiles_in(grid),
+            4 * self.device.threads,
+            buffers.triangles.get,
+        )
+        if pairs > bins.MOST_PAIRS:
+            raise UsageError("band", f"{pairs} pairs of triangle and tile", "less than 2**31")
+        run(raster.raster, *scene, starts, lists, depth, winner)
 
 
 def view_record(screen: Screen) -> npt.NDArray[Any]:

@@ -32,7 +32,7 @@ from usdsplat.render.deep_samples import DEEP_IDS, DeepSamples
 from usdsplat.render.frame_buffers import FrameBuffers
 from usdsplat.render.matte_groups import MatteGroups
 from usdsplat.render.occluders import NO_DEPTH, Occluders
-from usdsplat.render.projector import ProjectedSplats
+from usdsplat.render.projected_splats import ProjectedSplats
 
 WANTS = {
     "color": walk.COLOR,
@@ -127,6 +127,11 @@ class TileLists:
         part._walked = {}
         return part
 
+    @property
+    def arrays(self) -> tuple[I64, I32, npt.NDArray[Any]]:
+        """First pair of each tile, the lists, and the GRID record, see `bins.tile_lists`."""
+        return self._starts, self._lists, self._grid
+
     # --- rasterizing -----------------------------------------------------------------------
 
     def color(
@@ -177,6 +182,23 @@ class TileLists:
         if self._walks:
             return self._walked[name]
         return self._blend(name, self._splats.features, COLUMNS[name])
+
+    def painted(self, features: F32, keeps: F32 | None) -> F32:
+        """Return sums of three numbers of each splat over all contributions, shape (h, w, 4).
+
+        Args:
+            features: Rows in order of depth, which hold the numbers in columns `feature.ALBEDO`.
+            keeps: Weights of the splats, in place of those of mattes; None for these.
+        """
+        part = copy.copy(self)
+        kept = self._splats.keeps if keeps is None else keeps
+        part._splats = replace(self._splats, features=features, keeps=kept)
+        part._walks = self._walks or kept.size > 0
+        image: F32 = self._buffers.image("shadows").image(*self.shape)
+        if not part._walks:
+            return part._blend("shadows", features, feature.ALBEDO)
+        part._walk({"albedo"}, albedo=image)
+        return image
 
     def median(self, name: str) -> tuple[F32, I32]:
         """Return depth and ids of one splat per pixel, shapes (h, w) and (4, h, w).

@@ -103,6 +103,16 @@ def sorting_mode(prim: Usd.Prim) -> str:
     return _token(prim, tokens.SORTING_MODE, tokens.SORTING_MODES)
 
 
+def lighting_mode(prim: Usd.Prim) -> str:
+    """Return "auto", "captured" or "shadowed"; any other value counts as auto."""
+    return _token(prim, tokens.LIGHTING, tokens.LIGHTING_MODES)
+
+
+def is_shadow_catcher(prim: Usd.Prim) -> bool:
+    """Return whether a prim is a shadow catcher."""
+    return tokens.CATCHER_API in prim.GetPrimTypeInfo().GetAppliedAPISchemas()
+
+
 def is_known_color_space(name: str) -> bool:
     """Return whether Gf or our list of aliases knows the name."""
     return name in tokens.COLOR_SPACE_ALIASES or bool(Gf.ColorSpace.IsValid(name))

@@ -67,6 +67,9 @@ LOD_PIXEL = "splat:lod:pixel"
 LOD_ROOT = "splat:lod:root"
 """Relationship of a splat tree to the LOD root that stands for it in other renderers."""
 
+LIGHTING = "splat:lighting"
+CATCHER_API = "SplatShadowCatcherAPI"
+
 GRADE_EXPOSURE = "splat:grade:exposure"
 GRADE_TEMPERATURE = "splat:grade:temperature"
 GRADE_TINT = "splat:grade:tint"
@@ -91,6 +94,7 @@ SCHEMA_FALLBACK_DEGREE = 3
 
 RASTERIZE_MODES = ("classic", "antialiased")
 PROJECTION_MODES = ("perspective", "tangential")
+LIGHTING_MODES = ("auto", "captured", "shadowed")
 SORTING_MODES = ("zDepth", "cameraDistance", "rayHitDistance")
 
 DEFAULT_COLOR_SPACE = "srgb_rec709_scene"

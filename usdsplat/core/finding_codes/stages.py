@@ -102,8 +102,8 @@ CODES: dict[str, Code] = {
     ),
     "unsupported-light": Code(
         "warning",
-        "a light is of a type that is not supported; only DistantLight is",
-        "use distant lights, or hide the light",
+        "a light is of a type that is not supported, such as DomeLight",
+        "use distant, sphere, disk, rect or cylinder lights, or hide the light",
         "it does not light the surfaces",
     ),
     "unsupported-input": Code(

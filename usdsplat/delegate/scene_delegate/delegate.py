@@ -41,8 +41,9 @@ from usdsplat.delegate.scene_delegate.trees import Chunks
 from usdsplat.delegate.scene_delegate.unsupported import findings_on_light, findings_on_prims
 from usdsplat.delegate.scene_delegate.variability import varying_bits
 from usdsplat.delegate.stage_info import StageInfo
+from usdsplat.render.lights.specs import LightSpec
 from usdsplat.render.lod.tree import TreeSpec
-from usdsplat.render.specs import CameraSpec, CropSpec, FieldSpec, LightSpec, MeshSpec, View
+from usdsplat.render.specs import CameraSpec, CropSpec, FieldSpec, MeshSpec, View
 from usdsplat.schema.stage_values import up_axis, up_axis_problem
 from usdsplat.schema.validation import errors_of_drawn
 

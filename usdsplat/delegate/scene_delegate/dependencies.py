@@ -22,6 +22,7 @@ FIELD_PROPERTIES = (
     | schema.tokens.SURFACE_ATTRIBUTES
     | {
         schema.tokens.RASTERIZE_MODE,
+        schema.tokens.LIGHTING,
         schema.tokens.FOOTPRINT,
         schema.tokens.PROJECTION_MODE,
         schema.tokens.SORTING_MODE,

@@ -13,6 +13,7 @@ from usdsplat.images.color import color_space
 from usdsplat.images.grade import grade_matrix
 from usdsplat.render.specs import (
     FieldSpec,
+    LightingMode,
     PackedSpec,
     ProjectionMode,
     RasterizeMode,
@@ -47,6 +48,8 @@ def read_field(prim: Usd.Prim, time: float | None) -> FieldSpec | None:
         grade=grade_matrix(schema.grade(prim, time), space),
         packed=_packed(prim, time),
         surface=_surface(prim, len(cloud), time),
+        lighting=cast(LightingMode, schema.lighting_mode(prim)),
+        is_catcher=schema.is_shadow_catcher(prim),
     )
 
 

@@ -1,57 +1,190 @@
-"""Read UsdLux distant lights."""
+"""Read UsdLux lights: distant, sphere, disk, rect and cylinder lights."""
 
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from pxr import Usd, UsdGeom, UsdLux
 
 from usdsplat.core.cloud import F64
 from usdsplat.core.errors import StageError
+from usdsplat.delegate.scene_delegate import collections
 from usdsplat.delegate.scene_delegate.placing import column_matrix
-from usdsplat.render.specs import LightSpec
+from usdsplat.render.lights.sampling import area
+from usdsplat.render.lights.specs import (
+    EVERYTHING,
+    LightKind,
+    LightSpec,
+    Rules,
+    Shadow,
+    Shaping,
+    Vector,
+)
 from usdsplat.schema.stage_values import local_to_world
+
+KINDS: tuple[tuple[Any, LightKind, tuple[str, ...]], ...] = (
+    (UsdLux.SphereLight, "sphere", ("inputs:radius",)),
+    (UsdLux.DiskLight, "disk", ("inputs:radius",)),
+    (UsdLux.RectLight, "rect", ("inputs:width", "inputs:height")),
+    (UsdLux.CylinderLight, "cylinder", ("inputs:radius", "inputs:length")),
+)
+"""Type of a light with an area, our kind, and the attributes with its size."""
 
 
 def read_light(prim: Usd.Prim, time: Usd.TimeCode, cache: UsdGeom.XformCache) -> LightSpec:
-    """Read direction and irradiance of a DistantLight at a time.
-
-    Source: UsdLux's documentation of `intensity`, `exposure`, `angle` and `normalize`. A light
-    without `normalize` is a disc in the sky with the authored radiance, so E = L π sin²(angle / 2).
-    A light with it, or without an angle, has E = L on a surface that faces it.
+    """Read a light at a time.
 
     Raises:
         StageError: If its numbers or its transform are invalid.
     """
-    where = str(prim.GetPath())
+    for schema, kind, names in KINDS:
+        if prim.IsA(schema):
+            return _read_area(prim, time, cache, kind, names)
+    return _read_distant(prim, time, cache)
+
+
+def _read_distant(prim: Usd.Prim, time: Usd.TimeCode, cache: UsdGeom.XformCache) -> LightSpec:
+    """Read direction and irradiance of a DistantLight.
+
+    Source: UsdLux's documentation of `intensity`, `exposure`, `angle` and `normalize`. A light
+    without `normalize` is a disc in the sky with the authored radiance, so E = L π sin²(angle / 2).
+    A light with it, or without an angle, has E = L on a surface that faces it.
+    """
     light = UsdLux.DistantLight(prim)
-
-    def number(attribute: Usd.Attribute) -> float:
-        return float(_numbers(attribute, time, 1)[0])
-
-    color = _numbers(light.GetColorAttr(), time, 3)
-    if light.GetEnableColorTemperatureAttr().Get(time):
-        # For NaN, USD would read out of bounds, so `number` checks first.
-        kelvin = number(light.GetColorTemperatureAttr())
-        color = color * np.array(UsdLux.BlackbodyTemperatureAsRgb(kelvin), np.float64)
-    angle = math.radians(number(light.GetAngleAttr()))
+    angle = math.radians(_number(light.GetAngleAttr(), time))
+    strength, color = _emission(prim, time)
     with np.errstate(all="ignore"):
-        strength = np.float64(number(light.GetIntensityAttr()))
-        strength *= np.exp2(number(light.GetExposureAttr()))
-        strength *= number(light.GetDiffuseAttr())
         if angle != 0 and not light.GetNormalizeAttr().Get(time):
             strength *= math.pi * math.sin(min(abs(angle), math.pi) / 2) ** 2
         found = strength * color / math.pi
-        ray = -column_matrix(local_to_world(prim, cache))[:3, 2]
-        length = float(np.linalg.norm(ray))
-    if not np.isfinite(found).all():
-        raise StageError(where, "a light with a strength that is not finite", "finite numbers")
+    _check(prim, found)
+    return LightSpec(
+        direction=_axis(prim, column_matrix(local_to_world(prim, cache))),
+        irradiance=_vector(found),
+        angle=abs(angle),
+        shadow=_shadow(prim, time),
+        linked=_rules(prim, "lightLink"),
+        casters=_rules(prim, "shadowLink"),
+    )
+
+
+def _read_area(
+    prim: Usd.Prim,
+    time: Usd.TimeCode,
+    cache: UsdGeom.XformCache,
+    kind: LightKind,
+    names: tuple[str, ...],
+) -> LightSpec:
+    """Read a light with an area.
+
+    Source: UsdLux's documentation: its radiance is the authored one, or with `normalize` that
+    divided by the area in the world. A light without an area is dark without `normalize`.
+    """
+    matrix = column_matrix(local_to_world(prim, cache))
+    sizes = [abs(_number(prim.GetAttribute(name), time)) for name in names]
+    size = (sizes[0], sizes[-1] if len(sizes) > 1 else 0.0)
+    strength, color = _emission(prim, time)
+    with np.errstate(all="ignore"):
+        surface = area(kind, size, matrix[:3, :3])
+        if UsdLux.LightAPI(prim).GetNormalizeAttr().Get(time):
+            strength /= surface or 1.0
+        elif surface == 0.0:
+            strength = np.float64(0.0)
+        radiance = strength * color
+    _check(prim, np.append(radiance, surface))
+    as_point = prim.GetAttribute("treatAsPoint")
+    return LightSpec(
+        kind=kind,
+        to_world=tuple(matrix.ravel().tolist()),
+        size=size,
+        radiance=_vector(radiance),
+        is_point=bool(as_point and as_point.Get(time)),
+        axis=_axis(prim, matrix),
+        shaping=_shaping(prim, time),
+        shadow=_shadow(prim, time),
+        linked=_rules(prim, "lightLink"),
+        casters=_rules(prim, "shadowLink"),
+    )
+
+
+def _emission(prim: Usd.Prim, time: Usd.TimeCode) -> tuple[np.float64, F64]:
+    """Return intensity × 2^exposure × diffuse of a light, and its colour."""
+    light = UsdLux.LightAPI(prim)
+    color = _numbers(light.GetColorAttr(), time, 3)
+    with np.errstate(all="ignore"):
+        if light.GetEnableColorTemperatureAttr().Get(time):
+            # For NaN, USD would read out of bounds, so `_number` checks first.
+            kelvin = _number(light.GetColorTemperatureAttr(), time)
+            color = color * np.array(UsdLux.BlackbodyTemperatureAsRgb(kelvin), np.float64)
+        strength = np.float64(_number(light.GetIntensityAttr(), time))
+        strength *= np.exp2(_number(light.GetExposureAttr(), time))
+        strength *= _number(light.GetDiffuseAttr(), time)
+    return strength, color
+
+
+def _shaping(prim: Usd.Prim, time: Usd.TimeCode) -> Shaping:
+    """Read focus and cone; the profile of an IES file is a finding, see `unsupported`."""
+    if not prim.HasAPI(UsdLux.ShapingAPI):
+        return Shaping()
+    api = UsdLux.ShapingAPI(prim)
+    angle = math.radians(_number(api.GetShapingConeAngleAttr(), time))
+    return Shaping(
+        focus=_number(api.GetShapingFocusAttr(), time),
+        tint=_vector(_numbers(api.GetShapingFocusTintAttr(), time, 3)),
+        angle=min(abs(angle), math.pi),
+        softness=_number(api.GetShapingConeSoftnessAttr(), time),
+    )
+
+
+def _shadow(prim: Usd.Prim, time: Usd.TimeCode) -> Shadow:
+    if not prim.HasAPI(UsdLux.ShadowAPI):
+        return Shadow()
+    api = UsdLux.ShadowAPI(prim)
+    return Shadow(
+        enable=bool(api.GetShadowEnableAttr().Get(time)),
+        color=_vector(_numbers(api.GetShadowColorAttr(), time, 3)),
+        distance=_number(api.GetShadowDistanceAttr(), time),
+        falloff=max(0.0, _number(api.GetShadowFalloffAttr(), time)),
+        gamma=_number(api.GetShadowFalloffGammaAttr(), time),
+    )
+
+
+def _rules(prim: Usd.Prim, name: str) -> Rules:
+    """Return which prims a collection of a light includes."""
+    collection = Usd.CollectionAPI(prim, name)
+    relationships = (collection.GetIncludesRel(), collection.GetExcludesRel())
+    is_linked = any(each and each.HasAuthoredTargets() for each in relationships)
+    includes_root = collection.GetIncludeRootAttr()
+    if not is_linked and (not includes_root or includes_root.Get() is not False):
+        return EVERYTHING
+    return collections.rules(prim.GetStage(), [collection])
+
+
+def _axis(prim: Usd.Prim, matrix: F64) -> Vector:
+    """Return the unit vector along which a light points, −z of its transform."""
+    ray = -matrix[:3, 2]
+    length = float(np.linalg.norm(ray))
     if not (math.isfinite(length) and length > 0):
-        raise StageError(where, "a transform without a direction", "an invertible transform")
-    x, y, z = (ray / length).tolist()
-    red, green, blue = found.tolist()
-    return LightSpec(direction=(x, y, z), irradiance=(red, green, blue))
+        where, expected = str(prim.GetPath()), "an invertible transform"
+        raise StageError(where, "a transform without a direction", expected)
+    return _vector(ray / length)
+
+
+def _check(prim: Usd.Prim, found: F64) -> None:
+    if not np.isfinite(found).all():
+        found_text = "a light with a strength that is not finite"
+        raise StageError(str(prim.GetPath()), found_text, "finite numbers")
+
+
+def _vector(numbers: F64) -> Vector:
+    x, y, z = numbers.tolist()
+    return x, y, z
+
+
+def _number(attribute: Usd.Attribute, time: Usd.TimeCode) -> float:
+    return float(_numbers(attribute, time, 1)[0])
 
 
 def _numbers(attribute: Usd.Attribute, time: Usd.TimeCode, width: int) -> F64:

@@ -27,6 +27,7 @@ from usdsplat.delegate.scene_delegate.readings import Readings, Sources
 from usdsplat.delegate.scene_delegate.shapes import ShapeGeometry
 from usdsplat.delegate.scene_delegate.textures import Textures
 from usdsplat.render.specs import MaterialSpec, MeshSpec
+from usdsplat.schema.hints import is_shadow_catcher
 from usdsplat.schema.values import integers, value, vectors
 
 
@@ -169,6 +170,7 @@ class MeshReader:
             ),
             material_of=self._look_of if len(self._looks) > 1 else None,
             double_sided=bool(doubled),
+            is_catcher=is_shadow_catcher(prim),
         )
 
 

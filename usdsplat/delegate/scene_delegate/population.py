@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
-from pxr import Sdf, Usd, UsdGeom, UsdLux, UsdSkel
+from pxr import Sdf, Usd, UsdGeom, UsdSkel
 
 from usdsplat import schema
 from usdsplat.core.findings import Finding, finding, from_error
@@ -27,7 +27,7 @@ from usdsplat.delegate.scene_delegate.names import (
 )
 from usdsplat.delegate.scene_delegate.notices import INHERITED
 from usdsplat.delegate.scene_delegate.points import is_points
-from usdsplat.delegate.scene_delegate.unsupported import why_not_drawn
+from usdsplat.delegate.scene_delegate.unsupported import LIGHTS, why_not_drawn
 from usdsplat.delegate.scene_delegate.volumes import NO_CROP, Crop, find_crop, has_crop, lineage
 from usdsplat.schema.lod_roots import ItemChoice, item_choice
 from usdsplat.schema.tree import is_tree
@@ -355,7 +355,7 @@ def _classify(prim: Usd.Prim) -> Kind:
         return "instancer"
     if prim.IsA(UsdGeom.Camera):
         return "camera"
-    if prim.IsA(UsdLux.DistantLight):
+    if any(prim.IsA(light) for light in LIGHTS):
         return "light"
     return "other" if why_not_drawn(prim) else ""
 

@@ -32,6 +32,7 @@ AOVS = {
     "Pworld": "P",
     "__Pworld": "P",
     "albedo": "albedo",
+    "shadow": "shadow",
     "forward": "motionForward",
     "motionForward": "motionForward",
     "backward": "motionBackward",

@@ -1,6 +1,6 @@
 """Find prims that ask for something that is not drawn: other lights, curves, unknown types.
 
-Inputs of distant lights and of shaders that have no effect are findings too, if they would change
+Inputs of lights and of shaders that have no effect are findings too, if they would change
 brightness, hue or coverage. Roughness, index of refraction, clearcoat and normals are no findings:
 surfaces are diffuse, so every asset would have some.
 """
@@ -15,8 +15,13 @@ from pxr import Usd, UsdGeom, UsdLux, UsdShade
 
 from usdsplat.core.findings import Finding, finding
 
+LIGHTS = (
+    UsdLux.DistantLight, UsdLux.SphereLight, UsdLux.DiskLight, UsdLux.RectLight,
+    UsdLux.CylinderLight,
+)  # fmt: skip
+"""Types of lights that are drawn."""
 OTHER_LIGHTS = (UsdLux.BoundableLightBase, UsdLux.NonboundableLightBase, UsdLux.PluginLight)
-"""Types of lights; of these, only DistantLight is drawn."""
+"""Types of lights, those that are drawn among them."""
 
 OWN_TYPES = ("SplatSim", "LODScreenSizeHeuristic", "LODDistanceHeuristic")
 """Types that we write or read, that USD may not know, and that are not drawn."""
@@ -24,8 +29,8 @@ OWN_TYPES = ("SplatSim", "LODScreenSizeHeuristic", "LODDistanceHeuristic")
 TYPES = (
     "ParticleField3DGaussianSplat", "ParticleFieldPackedSplat", "Mesh", "Sphere", "Cube",
     "Cylinder", "Cone", "Capsule", "Plane", "Xform", "Scope", "Camera", "DistantLight",
-    "PointInstancer", "Material", "Shader", "RenderSettings", "RenderProduct", "RenderVar",
-    "SplatSim",
+    "SphereLight", "DiskLight", "RectLight", "CylinderLight", "PointInstancer", "Material",
+    "Shader", "RenderSettings", "RenderProduct", "RenderVar", "SplatSim",
 )  # fmt: skip
 """Types that a misspelt one may mean."""
 
@@ -99,15 +104,16 @@ def findings_on_prims(
 
 
 def findings_on_light(prim: Usd.Prim) -> Iterator[Finding]:
-    """Yield a finding for each input of a distant light that has no effect."""
-    names = ["light:filters"]
-    for collection in ("lightLink", "shadowLink"):
-        names += [f"collection:{collection}:{part}" for part in ("includes", "excludes")]
-    for name in names:
-        relationship = prim.GetRelationship(name)
-        if relationship and relationship.HasAuthoredTargets() and relationship.GetTargets():
-            found = ", ".join(map(str, relationship.GetTargets()))
-            yield finding("unsupported-input", f"{prim.GetPath()}.{name}", found, "no targets")
+    """Yield a finding for each input of a light that has no effect."""
+    relationship = prim.GetRelationship("light:filters")
+    if relationship and relationship.HasAuthoredTargets() and relationship.GetTargets():
+        found, where = ", ".join(map(str, relationship.GetTargets())), relationship.GetPath()
+        yield finding("unsupported-input", str(where), found, "no targets")
+    for name in ("inputs:texture:file", "inputs:shaping:ies:file"):
+        attribute = prim.GetAttribute(name)
+        value = attribute.Get() if attribute else None
+        if value is not None and str(value.path):
+            yield finding("unsupported-input", str(attribute.GetPath()), value.path, "no file")
 
 
 def finding_on_input(shader: Usd.Prim, name: str, found: Any) -> Finding | None:
@@ -174,7 +180,7 @@ def _is_seen(prim: Usd.Prim, time: Usd.TimeCode, purposes: frozenset[str]) -> bo
 
 def _expected(code: str, name: str) -> str:
     if code == "unsupported-light":
-        return "DistantLight"
+        return "a DistantLight, SphereLight, DiskLight, RectLight or CylinderLight"
     if code == "unsupported-prim":
         return "splats, a mesh or a shape"
     near = difflib.get_close_matches(name, TYPES, n=1)

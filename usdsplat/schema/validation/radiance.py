@@ -89,6 +89,7 @@ def modes(sample: Sample) -> Iterator[Finding]:
         (tokens.PROJECTION_MODE, tokens.PROJECTION_MODES),
         (tokens.SORTING_MODE, tokens.SORTING_MODES),
         (tokens.RASTERIZE_MODE, tokens.RASTERIZE_MODES),
+        (tokens.LIGHTING, tokens.LIGHTING_MODES),
     ):
         attribute = sample.prim.GetAttribute(name)
         value = attribute.Get() if attribute else None

@@ -1,0 +1,374 @@
+"""Compute the light of a picture's receivers: splats, once per scene, and pixels of surfaces.
+
+Light of splats does not depend on the view. Their sums are kept for each light and field, with
+everything that they depend on, and computed again only if that has changed. Depth maps are kept,
+too, as long as they fit in `KEPT_BYTES`: pixels of surfaces look at them in every band and picture.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from usdsplat.core.cloud import F32
+from usdsplat.kernels import lighting, receivers, total
+from usdsplat.render.draw_list import DrawList, Group
+from usdsplat.render.frame_buffers import FrameBuffers
+from usdsplat.render.lights.cameras import LightCamera, bounds_of, cameras_of
+from usdsplat.render.lights.depth_map import DepthMap, draw_depth_map
+from usdsplat.render.lights.sampling import samples_of
+from usdsplat.render.lights.specs import LightSpec, Rules
+from usdsplat.render.matte import is_matte
+from usdsplat.render.projector import Gains
+from usdsplat.render.rasterizer import Rasterizer
+from usdsplat.render.scene import RenderScene
+from usdsplat.render.screen import Screen
+from usdsplat.render.settings import RenderSettings
+from usdsplat.render.specs import FieldSpec, View
+from usdsplat.render.surface_cache import SurfaceCache
+from usdsplat.render.surfaces import SurfaceBand
+
+KEPT_BYTES = 512 << 20
+"""Maximum size of the depth maps that are kept [byte]."""
+ALL_APPEARANCES = -1
+NO_RATIOS: F32 = np.empty((0, 3), np.float32)
+
+
+@dataclass(slots=True, eq=False)
+class LightStore:
+    """What lighting keeps between pictures."""
+
+    maps: OrderedDict[tuple[bytes, Rules], tuple[Any, DepthMap]] = field(
+        default_factory=OrderedDict
+    )
+    """Light and its casters -> what the map depends on besides, and the map; last used last."""
+    sums: dict[tuple[int, str], tuple[Any, Any]] = field(default_factory=dict)
+    """First slot of a group and path of a light -> what the sums depend on, and the sums."""
+    gains: dict[int, tuple[Any, object, Any]] = field(default_factory=dict)
+    """First slot of a group -> what its gains depend on, their token, and the gains."""
+    meshes: SurfaceCache = field(default_factory=SurfaceCache)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Target:
+    """Splats of one group as receivers."""
+
+    group: Group
+    appearances: list[int]
+    """Numbers of its instances among the casters."""
+    version: Any
+    """What their light depends on besides lights and casters."""
+
+
+class Lighting:
+    """Light of one sample of a picture.
+
+    Args:
+        view: A view with all shadow catchers, see `with_catchers`.
+        layout: The splats that are drawn.
+        wants_ratios: Whether the AOV of shadows is drawn.
+    """
+
+    def __init__(
+        self,
+        rasterizer: Rasterizer,
+        buffers: FrameBuffers,
+        settings: RenderSettings,
+        scene: RenderScene,
+        view: View,
+        layout: DrawList,
+        *,
+        wants_ratios: bool,
+    ) -> None:
+        self._rasterizer, self._device = rasterizer, rasterizer.device
+        self._buffers = buffers
+        if buffers.lights is None:
+            buffers.lights = LightStore()
+        self._store: LightStore = buffers.lights
+        self._settings, self._scene = settings, scene
+        self._catchers = view.catchers
+        self._layout, self._wants_ratios = layout, wants_ratios
+        # nodes of trees follow the view, so they cast no shadows
+        self._casters = scene.draw_list(settings.splat_budget)
+        self._version = (
+            tuple((path, f.shapes, f.crops, each) for path, f, each in scene.drawn()),
+            tuple((path, mesh.spec, each) for path, mesh, each in scene.drawn_meshes()),
+            view.catchers,
+            (settings.splat_budget, settings.shadow_resolution, settings.light_samples),
+        )
+        self._is_shadowed = settings.lighting == "shadowed"
+        self.gains, self.ratios = self._of_splats()
+
+    @property
+    def has_catchers(self) -> bool:
+        """Whether there are shadow catchers."""
+        return bool(self._catchers)
+
+    @property
+    def catching(self) -> npt.NDArray[np.uint8]:
+        """Whether each prim of the scene is a shadow catcher, by its number."""
+        return np.array([self.catches(path) for path in self._scene.prims()], np.uint8)
+
+    def catches(self, path: str) -> bool:
+        """Return whether the prim at a path is a shadow catcher."""
+        return is_matte(path, self._catchers)
+
+    # --- surfaces --------------------------------------------------------------------------
+
+    def lit(self, band: SurfaceBand, screen: Screen, x0: int, y0: int) -> SurfaceBand:
+        """Return surfaces with the light of all lights, and their ratios if these are needed.
+
+        Args:
+            x0, y0: Pixel of the first column and row of the band.
+        """
+        is_plain = all(light.is_plain for light in self._scene.named_lights.values())
+        casts = self._is_shadowed or self._wants_ratios
+        if is_plain and not casts:
+            return band
+        run, keep, (height, width) = self._device.run, self._device.keep, band.depth.shape
+        made = self._buffers.lit
+        points, normals = made.points(height, width), made.normals(height, width)
+        prims, sums = made.prims(height, width), made.sums(height, width)
+        to_world = np.ascontiguousarray(np.linalg.inv(screen.world_to_camera)[:3])
+        run(
+            receivers.place_pixels, screen.view_record(), to_world, band.depth, band.normal,
+            band.covered, band.ids, x0, y0, points, normals, prims,
+        )  # fmt: skip
+        run(total.clear, sums.reshape((-1, 1, lighting.SUMS)))
+        names = self._scene.prims()
+        for _, light in sorted(self._scene.named_lights.items()):
+            linked = keep(np.array([is_matte(name, light.linked) for name in names], np.uint8))
+            for each in self._maps(light, casts=casts):
+                self._illuminate(
+                    each, light, ALL_APPEARANCES, linked,
+                    (points, normals, lighting.NO_SHAPES, prims), sums,
+                )  # fmt: skip
+        ratio = made.ratios(height, width) if casts else NO_RATIOS
+        if casts:
+            none = np.zeros(3, np.float32)
+            run(receivers.ratios, sums, none, np.float32(self._settings.ambient), ratio)
+        if not is_plain or self._is_shadowed:
+            part = ratio if self._is_shadowed else NO_RATIOS
+            run(receivers.light_surfaces, sums, part, band.albedo, band.covered, band.color)
+        if not self._wants_ratios:
+            return band
+        return replace(band, received=(ratio, prims))
+
+    # --- splats ----------------------------------------------------------------------------
+
+    def _of_splats(self) -> tuple[Gains, Gains]:
+        """Return the gains of shadowed groups, and those of all groups if they are needed."""
+        lights = self._scene.named_lights
+        drawn = [group for group in self._layout.groups if not group.field.is_node]
+        shadowed = {group.slot for group in drawn if receives(group.field.spec, self._settings)}
+        groups = [g for g in drawn if g.slot in shadowed or self._wants_ratios] if lights else []
+        numbers = _appearances(self._casters, self._layout)
+        targets = [self._target(group, numbers[group.slot]) for group in groups]
+        for path, light in sorted(lights.items()):
+            self._receive(path, light, targets)
+        live = {(target.group.slot, path) for target in targets for path in lights}
+        self._store.sums = {key: each for key, each in self._store.sums.items() if key in live}
+        slots = {target.group.slot for target in targets}
+        self._store.gains = {k: each for k, each in self._store.gains.items() if k in slots}
+        found = {target.group.slot: self._gain(target) for target in targets}
+        return {slot: each for slot, each in found.items() if slot in shadowed}, found
+
+    def _target(self, group: Group, appearances: list[int]) -> _Target:
+        """Return the splats of a group as receivers."""
+        surface = group.field.surface_values(None)
+        transforms = group.placements.transforms.tobytes()
+        version = group.field.shapes, surface, transforms, self._settings.self_shadows
+        return _Target(group, appearances, version)
+
+    def _receive(self, path: str, light: LightSpec, targets: Sequence[_Target]) -> None:
+        """Compute the sums of one light for those targets for which they are not kept."""
+        stale = []
+        for target in targets:
+            version = light, self._version, target.version
+            held = self._store.sums.get((target.group.slot, path))
+            if held is None or held[0] != version:
+                stale.append((target, version))
+        if not stale:
+            return
+        placed = [(target, self._placed(target.group)) for target, _ in stale]
+        room = [
+            self._device.resident((sum(row[0].shape[0] for row in rows), lighting.SUMS), np.float32)
+            for _, rows in placed
+        ]
+        for sums in room:
+            self._device.run(total.clear, sums.reshape((-1, 1, lighting.SUMS)))
+        for each in self._maps(light, casts=True):
+            for (target, rows), sums in zip(placed, room, strict=True):
+                count = len(target.group.field.spec.cloud)
+                for k, (appearance, receiver) in enumerate(
+                    zip(target.appearances, rows, strict=True)
+                ):
+                    name = self._casters.prims[self._casters.labels[appearance, 0]]
+                    if not is_matte(name, light.linked):
+                        continue
+                    own = ALL_APPEARANCES if self._settings.self_shadows else appearance
+                    part = sums[k * count : (k + 1) * count]
+                    self._illuminate(each, light, own, lighting.ONE_PRIM, receiver, part)
+        for (target, version), sums in zip(stale, room, strict=True):
+            self._store.sums[target.group.slot, path] = version, sums
+
+    def _placed(self, group: Group) -> list[tuple[Any, ...]]:
+        """Return the receivers of each instance of a group."""
+        cloud, count = group.field.spec.cloud, len(group.field.spec.cloud)
+        surface = group.field.surface_values(None)
+        keep, resident = self._device.keep, self._device.resident
+        found = []
+        for transform in group.placements.transforms:
+            points, shapes = resident((count, 3), np.float64), resident((count, 6), np.float32)
+            normals = resident((count, 4), np.float32)
+            linear = transform[:3, :3]
+            turn = np.cross(linear[[1, 2, 0]], linear[[2, 0, 1]])
+            turn *= np.sign(np.linalg.det(linear)) or 1.0
+            self._device.run(
+                receivers.place_splats, np.ascontiguousarray(transform[:3]), turn,
+                keep(cloud.positions), keep(cloud.rotations), keep(cloud.scales),
+                keep(surface.normals), keep(surface.facts), points, normals, shapes,
+            )  # fmt: skip
+            found.append((points, normals, shapes, lighting.NO_PRIMS))
+        return found
+
+    def _gain(self, target: _Target) -> tuple[object, Any]:
+        """Return the gains of a group and their token."""
+        slot, lights = target.group.slot, sorted(self._scene.named_lights)
+        kept = [self._store.sums[slot, path] for path in lights]
+        version = (self._settings.ambient, *(each[0] for each in kept))
+        held = self._store.gains.get(slot)
+        if held is not None and held[0] == version:
+            return held[1], held[2]
+        run, resident = self._device.run, self._device.resident
+        sums = kept[0][1]
+        if len(kept) > 1:
+            sums = resident(sums.shape, np.float32)
+            run(total.clear, sums.reshape((-1, 1, lighting.SUMS)))
+            for _, each in kept:
+                run(
+                    total.add,
+                    sums.reshape((-1, 1, lighting.SUMS)),
+                    each.reshape((-1, 1, lighting.SUMS)),
+                )
+        count = max(1, sums.shape[0])
+        mean = [run(receivers.total, sums, 3 + channel) / count for channel in range(3)]
+        gains = resident((sums.shape[0], 3), np.float32)
+        ambient = np.array(mean, np.float32) * np.float32(self._settings.ambient)
+        run(receivers.ratios, sums, ambient, np.float32(0), gains)
+        token = object()
+        self._store.gains[slot] = version, token, gains
+        return token, gains
+
+    # --- light -----------------------------------------------------------------------------
+
+    def _maps(self, light: LightSpec, *, casts: bool) -> Iterator[DepthMap]:
+        """Yield the depth map of each camera of a light."""
+        bounds = bounds_of(self._scene)
+        for record in samples_of(light, self._settings.light_samples):
+            one = record[None].copy()
+            one["casts"] &= casts
+            for camera in cameras_of(one, bounds, self._settings.shadow_resolution):
+                yield self._map(camera, light)
+
+    def _map(self, camera: LightCamera, light: LightSpec) -> DepthMap:
+        """Return the depth map of a camera, drawn if it is not kept."""
+        maps, key, version = (
+            self._store.maps,
+            (camera.light.tobytes(), light.casters),
+            self._version,
+        )
+        held = maps.get(key)
+        if held is not None and held[0] == version:
+            maps.move_to_end(key)
+            return held[1]
+
+        def casts(path: str) -> bool:
+            return self._casts(path, light)
+
+        for other in [name for name, (before, _) in maps.items() if before != version]:
+            del maps[other]
+        made = draw_depth_map(
+            self._rasterizer, camera, self._scene, self._casters, casts, self._store.meshes
+        )
+        maps[key] = version, made
+        while sum(each.nbytes for _, each in maps.values()) > KEPT_BYTES and len(maps) > 1:
+            maps.popitem(last=False)
+        return made
+
+    def _casts(self, path: str, light: LightSpec) -> bool:
+        """Return whether the prim at a path casts shadows of a light. Shadow catchers stand for
+        what a plate shows already, so they do not."""
+        return is_matte(path, light.casters) and not self.catches(path)
+
+    def _illuminate(
+        self,
+        each: DepthMap,
+        light: LightSpec,
+        own: int,
+        linked: Any,
+        receiver: tuple[Any, ...],
+        sums: Any,
+    ) -> None:
+        """Add the light of one camera to receivers."""
+        points, normals, shapes, prims = receiver
+        names = self._casters.prims
+        numbers = self._casters.labels[:, 0].tolist()
+        casts = np.array([self._casts(names[number], light) for number in numbers], np.uint8)
+        self._device.run(
+            lighting.illuminate, each.light, points, normals, shapes, prims, linked, own,
+            each.world_to_screen, each.views, (*each.splats, casts), each.tiles, each.depths, sums,
+        )  # fmt: skip
+
+
+def _appearances(casters: DrawList, layout: DrawList) -> dict[int, list[int]]:
+    """Return the numbers among the casters of the instances of each group, by its first slot."""
+    of_field: dict[int, list[int]] = {}
+    for group in casters.groups:
+        numbers = of_field.setdefault(id(group.field), [])
+        numbers.extend(range(group.first, group.first + len(group.placed)))
+    found = {}
+    for group in layout.groups:
+        if not group.field.is_node:
+            numbers = of_field[id(group.field)]
+            count = len(group.placed)
+            found[group.slot], of_field[id(group.field)] = numbers[:count], numbers[count:]
+    return found
+
+
+def receives(spec: FieldSpec, settings: RenderSettings) -> bool:
+    """Return whether shadows darken the splats of a field in the picture."""
+    mode = settings.lighting if spec.lighting == "auto" else spec.lighting
+    return mode == "shadowed"
+
+
+def with_catchers(scene: RenderScene, view: View) -> View:
+    """Return a view in which all shadow catchers, of the view and of the scene, are mattes."""
+    rules = (*view.catchers, *((path, True) for path in scene.catchers()))
+    if not rules:
+        return view
+    return replace(view, matte=(*view.matte, *rules), catchers=rules)
+
+
+def lighting_of(
+    rasterizer: Rasterizer,
+    buffers: FrameBuffers,
+    settings: RenderSettings,
+    scene: RenderScene,
+    view: View,
+    layout: DrawList,
+    aovs: Sequence[str],
+) -> Lighting | None:
+    """Return the light of a sample; None if nothing of the picture depends on it."""
+    lights = scene.named_lights
+    wants = "shadow" in aovs
+    shadowed = any(receives(field.spec, settings) for field in scene.visible_fields())
+    is_needed = wants or shadowed or settings.lighting == "shadowed"
+    if not lights or not (is_needed or not all(each.is_plain for each in lights.values())):
+        return None
+    return Lighting(rasterizer, buffers, settings, scene, view, layout, wants_ratios=wants)
