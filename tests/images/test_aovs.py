@@ -36,6 +36,7 @@ def test_channels_are_called_what_compositors_look_for():
         "occlusion": "occlusion",
         "P": "P.x,P.y,P.z",
         "albedo": "albedo.R,albedo.G,albedo.B",
+        "shadow": "shadow.R,shadow.G,shadow.B",
         "forward": "forward.u,forward.v",
         "backward": "backward.u,backward.v",
         "id": "id",

@@ -315,7 +315,7 @@ def test_every_aov_can_be_shown_where_nothing_is(display, aov):
         "color": np.zeros((3, 4, 4)), "albedo": np.zeros((3, 4, 3)), "depth": np.full((3, 4), INF),
         "depthFront": np.full((3, 4), INF), "depthExpected": np.full((3, 4), INF),
         "Neye": np.zeros((3, 4, 3)), "Naxis": np.zeros((3, 4, 3)), "confidence": np.zeros((3, 4)),
-        "occlusion": np.zeros((3, 4)), "P": np.zeros((3, 4, 3)),
+        "occlusion": np.zeros((3, 4)), "shadow": np.ones((3, 4, 3)), "P": np.zeros((3, 4, 3)),
         "cryptoObject": np.zeros((3, 4, 12)),
         "cryptoAsset": np.zeros((3, 4, 4)), "cryptoMaterial": np.zeros((3, 4, 32)),
         "motionForward": np.zeros((3, 4, 2)), "motionBackward": np.zeros((3, 4, 2)),

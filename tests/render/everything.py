@@ -38,6 +38,9 @@ class Case:
     settings: dict[str, Any]
     surfaces: bool = True
     crops: bool = False
+    lamp: bool = False
+    """Whether there is a rect light besides the sun."""
+    catchers: tuple[tuple[str, bool], ...] = ()
     tree: bool = False
     """Whether there is a splat tree, seen at several levels."""
     matte: tuple[tuple[str, bool], ...] = ()
@@ -56,6 +59,11 @@ CASES: dict[str, Case] = {
     "rays and surfaces": Case(settings={"sorting": "rayHitDistance"}),
     "orthographic": Case(settings={"sorting": "rayHitDistance"}, model="orthographic"),
     "tangential": Case(settings={"rasterize_mode": "antialiased"}, model="tangential"),
+    "lamp": Case(settings={"light_samples": 4}, lamp=True),
+    "shadows": Case(
+        settings={"lighting": "shadowed", "light_samples": 3, "shadow_resolution": 64}, lamp=True
+    ),
+    "catchers": Case(settings={"light_samples": 1}, catchers=(("/second", True), ("/wall", True))),
     "matte splats": Case(settings={}, matte=(("/second", True),)),
     "matte mesh": Case(settings={}, matte=(("/wall", True),)),
     "flat holdout": Case(settings={}, holdout="flat"),
@@ -143,6 +151,13 @@ def scene_of(case: Case, splats: int) -> RenderScene:
         )
         add(scene, "/leaf", leaf, np.eye(4), sheared)
         scene.set_light("/sun", LightSpec(direction=(0.0, -0.6, -0.8), irradiance=(1.0, 0.9, 0.8)))
+    if case.lamp:
+        matrix = np.diag([1.0, 1.0, 1.0, 1.0])
+        matrix[:3, 3] = 0.3, 0.5, 2.0
+        lamp = LightSpec(
+            kind="rect", size=(1.0, 0.5), to_world=tuple(matrix.ravel()), radiance=(4.0, 3.0, 2.0)
+        )
+        scene.set_light("/lamp", lamp)
     return scene
 
 
@@ -151,7 +166,7 @@ def view_on(case: Case, size: tuple[int, int]) -> View:
     view = view_of(lens("perspective" if case.model == "tangential" else case.model))
     framing = Framing(resolution=size, conform="adjustPixelAspectRatio")
     camera = replace(view.camera, lens_radius=0.02, focus_distance=4.0, shutter=(-0.5, 0.5))
-    return replace(view, camera=camera, framing=framing, matte=case.matte)
+    return replace(view, camera=camera, framing=framing, matte=case.matte, catchers=case.catchers)
 
 
 def _moved(view: View, time: float) -> View:

@@ -57,6 +57,7 @@ def of_picture(engine: Engine, plan: PicturePlan, camera: CameraSpec) -> Iterato
         if found is not None:
             yield found
     yield from remarks.repeated_ids(engine, plan)
+    yield from remarks.shadows(engine, plan)
 
 
 def findings_of(

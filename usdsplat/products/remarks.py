@@ -112,6 +112,17 @@ def repeated_ids(engine: Engine, plan: PicturePlan) -> Iterator[Finding]:
             yield finding("repeated-element-ids", path, counted(count, "splat"), expected)
 
 
+def shadows(engine: Engine, plan: PicturePlan) -> Iterator[Finding]:
+    """Yield a finding if a picture with shadows has no lights, and on each splat tree in it."""
+    if plan.settings.lighting != "shadowed" and "shadow" not in plan.aovs:
+        return
+    scene = engine.render_scene
+    if not scene.lights:
+        yield finding("no-lights", plan.product or "lighting", "no lights", "one or more lights")
+    for path, _ in scene.drawn_trees():
+        yield finding("unlit-tree", path, "a splat tree", "a splat field")
+
+
 def what_is_forced(plan: PicturePlan) -> str:
     """Return a remark on settings that differ between a deep and a flat picture."""
     scaled = ""

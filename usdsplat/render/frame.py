@@ -261,7 +261,9 @@ def prepare(
         frame.clock.lap("display")
     shadows = None
     if "shadow" in aovs and lighting is not None:
-        caught = projector.weights_of(splats, lighting.catches) if lighting.has_catchers else None
+        caught = lighting.catch_weights
+        if caught is not None:
+            caught = projector.labelled(splats.order, caught)
         shadows = projector.ratios(splats.order, lighting.ratios), caught
     groups = {layer: scene.matte_groups(layer) for layer in LAYERS if layer in aovs}
     return FrameSample(screen, splats, surfaces, groups, lighting, shadows)

@@ -60,10 +60,10 @@ class SplatBuffers(BufferGroup):
     """`ray_hits` in order of depth, shape (visible, RAY_HIT)."""
     ordered_features = Buffer(lambda visible: (visible, feature.FEATURES), F32)
     """`features` in order of depth, shape (visible, FEATURES)."""
-    ordered_ratios = Buffer(lambda visible: (visible, feature.FEATURES), F32)
-    """Ratios of light in the columns of albedo, in order of depth, shape (visible, FEATURES)."""
-    catches = Buffer(lambda visible: (visible,), F32)
-    """1 for splats of shadow catchers, shape (visible,)."""
+    ordered_ratios = Buffer(lambda drawn: (drawn, feature.FEATURES), F32)
+    """Ratios of light in the columns of albedo, in order of depth, shape (drawn, FEATURES)."""
+    catches = Buffer(lambda drawn: (drawn,), F32)
+    """1 for splats of shadow catchers, shape (drawn,)."""
     keeps = Buffer(lambda visible: (visible,), F32)
     """0 for splats that only hold out, shape (visible,)."""
     labels = Buffer(lambda visible: (visible,), I32)

@@ -25,6 +25,8 @@ from usdsplat.render.deep_memory import deep_bytes
 from usdsplat.render.draw_list import DrawList, Group
 from usdsplat.render.frame import DEEP_PIXELS
 from usdsplat.render.frame_buffers import MATTES, FrameBuffers, SurfaceBuffers, TriangleBuffers
+from usdsplat.render.lights.lighting import with_catchers
+from usdsplat.render.lights.memory import lighting_bytes, lighting_uses
 from usdsplat.render.matte import is_matte
 from usdsplat.render.motion import FRAMES
 from usdsplat.render.scene import RenderScene
@@ -54,8 +56,7 @@ RANKS = 8
 VERTEX, BOX = 8 * triangles.VERTEX, 16
 """Bytes per vertex and per triangle on the screen."""
 HOLDOUT_ROWS = 40
-"""Bytes per pixel of a holdout that is being read: depth and opacity as read and as used, and, in
-a flat one that hides in part, offsets and a node."""
+"""Bytes per pixel of a holdout that is being read: depth and opacity, offsets and a node."""
 HOLDOUT_NODE, STRIP_NODE = 16, 110
 """Bytes per node of a deep holdout: depth and transmittance in strips and joined; and while the
 nodes of a strip are computed."""
@@ -144,8 +145,9 @@ def estimate(
     used = buffers_of(scene, view, settings, request)
     in_band = sum(each.touched_bytes(sizes) for name, each in used.items() if not _by_splat(name))
     by_splat = sum(each.touched_bytes(sizes) for name, each in used.items() if _by_splat(name))
-    by_splat += PARTIAL_PAGES * layout.slots + _of_meshes(scene)
-    if SURFACE & set(request.aovs):
+    receivers, maps = lighting_bytes(scene, settings, set(request.aovs))
+    by_splat += PARTIAL_PAGES * layout.slots + _of_meshes(scene) + receivers + maps
+    if receivers or SURFACE & set(request.aovs):
         missing = (field for field in scene.visible_fields() if field.surface is None)
         by_splat += working_bytes([len(field.spec.cloud) for field in missing])
     if "display.records" in used:
@@ -153,8 +155,7 @@ def estimate(
     kept = 0
     if request.deep:
         top, bottom = _highest(screen.bands(min(band_pixels, DEEP_PIXELS)))
-        per_pixel = deep_bytes(settings, request.deep_ids)
-        kept = (bottom - top) * (x1 - x0) * per_pixel
+        kept = (bottom - top) * (x1 - x0) * deep_bytes(settings, request.deep_ids)
     written = (aov for aov in AOVS.values() if aov.hydra in request.aovs)
     channels = sum(len(aov.with_rank(settings.crypto_rank).channels) for aov in written)
     writing = WRITER * WRITER_ROWS * (x1 - x0) * 4 * channels
@@ -180,6 +181,7 @@ def buffers_of(
     """
     layout, meshes = scene.draw_list(settings.splat_budget), bool(scene.drawn_meshes())
     aovs, mode = set(request.aovs), settings.display_mode
+    view = with_catchers(scene, view)
     holds = any(is_matte(layout.prims[number], view.matte) for number in set(layout.labels[:, 0]))
     by_ray = settings.sorting == "rayHitDistance"
     walks = by_ray or holds or request.holds_out
@@ -219,8 +221,8 @@ def buffers_of(
         (request.deep_ids > 0, "splats", "numbered"),
         (meshes, "surfaces", " ".join(SurfaceBuffers.declared())),
         (meshes, "triangles", " ".join(TriangleBuffers.declared())),
-        (sampled and "color" in aovs, "sums", "color"),
-        (sampled and "albedo" in aovs, "sums", "albedo"),
+        *((sampled and name in aovs, "sums", name) for name in ("color", "albedo")),
+        *lighting_uses(scene, view, settings, aovs),
     ]
     groups = FrameBuffers.groups()
     return {
@@ -280,8 +282,7 @@ def _highest(bands: Iterable[tuple[int, int]]) -> tuple[int, int]:
 
 
 def _held(scene: RenderScene) -> int:
-    """Return the memory in use before a picture, plus the kernels: as reported by the system, or
-    counted."""
+    """Return the memory in use before a picture, as reported or counted, plus the kernels."""
     now = resident()
     if not now:
         clouds = {id(each.spec.cloud): each.spec.cloud for each in scene.visible_fields()}

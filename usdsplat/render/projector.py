@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any
 
@@ -32,6 +32,7 @@ Gains = Mapping[int, tuple[object, Any]]
 """First slot of a group -> token of its gains, and factors r g b of each instance and splat, shape
 (m n, 3)."""
 NO_GAINS: Gains = MappingProxyType({})
+NO_ROWS = np.empty(0, np.int32)
 NO_WEIGHTS: F32 = np.empty(0, np.float32)
 DOT_REACH = 4
 """Distance beyond the data window within which display mode points keeps splats [pixel]. Their dots
@@ -289,12 +290,11 @@ class Projector:
         if group.slot not in self._gains:
             return
         _, gains = self._gains[group.slot]
-        keep, none = self._device.keep, np.empty(0, np.int32)
+        rows = self._device.keep(NO_ROWS if group.rows is None else group.rows)
         curve = conversion_curve(self._blend_space)
         self._device.run(
             receivers.dim, gains, len(group.field.spec.cloud), len(group.cloud),
-            none if group.rows is None else keep(group.rows), curve, group.block, group.slot,
-            self._sources, found, self._records, project.RED,
+            rows, curve, group.block, group.slot, self._sources, found, self._records, project.RED,
         )  # fmt: skip
 
     def ratios(self, order: I32, gains: Gains) -> F32:
@@ -312,19 +312,11 @@ class Projector:
             )  # fmt: skip
         return self._gather(self._buffers.ordered_ratios, order, buffer)
 
-    def weights_of(self, splats: ProjectedSplats, counts: Callable[[str], bool]) -> F32:
-        """Return 1 for the splats of prims that count, by their paths, else 0, in order of
-        depth."""
-        of_prims = np.array([counts(path) for path in self.layout.prims], np.float32)
-        numbers = of_prims[self.layout.labels[:, 0]]
-        found: F32 = self._label(self._buffers.catches, splats.order, numbers, True)
-        return found
-
-    def appearances(self, order: I32) -> I32:
-        """Return the number of each splat's appearance, in order of depth."""
-        numbers = np.arange(len(self.layout.labels), dtype=np.int32)
-        found: I32 = self._label(self._buffers.labels, order, numbers, True)
-        return found
+    def labelled(self, order: I32, numbers: I32 | F32) -> Any:
+        """Return `numbers` of the appearances, one for each, by splat in order of depth."""
+        buffers = self._buffers
+        buffer = buffers.catches if numbers.dtype == np.float32 else buffers.labels
+        return self._label(buffer, order, numbers, True)
 
     def _find_ray_hits(self, group: Group, found: I32) -> None:
         cloud, keep = group.cloud, self._device.keep

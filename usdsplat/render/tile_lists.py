@@ -68,7 +68,6 @@ class TileLists:
     Args:
         window: Pixels x0, y0, x1, y1 of the band, end exclusive.
         sort_by_ray_hit: Whether splats of a pixel are sorted by their ray hits.
-
     Raises:
         UsageError: If splats touch 2**31 tiles or more.
     """
@@ -108,14 +107,12 @@ class TileLists:
         self._walked: dict[str, Any] = {}
         """Product -> buffers that the walk for colour has filled too."""
         self.blocks = 0
-        """Number of pairs of a splat and a block of 4x4 pixels blended so far; a GPU does not count
-        them."""
+        """Pairs of a splat and a block of 4x4 pixels blended so far; a GPU does not count them."""
 
     def rows_between(self, y0: int, y1: int) -> TileLists:
-        """Return the lists of rows y0 to y1 - 1 of the display window.
+        """Return the lists of rows y0 to y1 - 1 of the display window, which share these arrays.
 
-        They share the arrays of these. y0 and y1 are multiples of `bins.TILE`, or ends of the
-        band.
+        y0 and y1 are multiples of `bins.TILE`, or ends of the band.
         """
         x0, top, x1, _ = self.window
         part = copy.copy(self)
@@ -129,7 +126,7 @@ class TileLists:
 
     @property
     def arrays(self) -> tuple[I64, I32, npt.NDArray[Any]]:
-        """First pair of each tile, the lists, and the GRID record, see `bins.tile_lists`."""
+        """First pair of each tile, the lists, and the GRID record."""
         return self._starts, self._lists, self._grid
 
     # --- rasterizing -----------------------------------------------------------------------
@@ -176,35 +173,30 @@ class TileLists:
         """Return sums of "albedo", "normals", "depths" or "axes" over all contributions, shape
         (h, w, 4).
 
-        The channels are three numbers and coverage. For depths, the others are those of
-        `feature.EXPECTED`.
+        The channels are three numbers, for depths those of `feature.EXPECTED`, and coverage.
         """
         if self._walks:
             return self._walked[name]
         return self._blend(name, self._splats.features, COLUMNS[name])
 
     def painted(self, features: F32, keeps: F32 | None) -> F32:
-        """Return sums of three numbers of each splat over all contributions, shape (h, w, 4).
-
-        Args:
-            features: Rows in order of depth, which hold the numbers in columns `feature.ALBEDO`.
-            keeps: Weights of the splats, in place of those of mattes; None for these.
+        """Return sums of three numbers of each splat, columns `feature.ALBEDO` of `features`, over
+        all contributions, shape (h, w, 4). `keeps` replaces the weights of mattes; None keeps them.
         """
         part = copy.copy(self)
         kept = self._splats.keeps if keeps is None else keeps
         part._splats = replace(self._splats, features=features, keeps=kept)
         part._walks = self._walks or kept.size > 0
         image: F32 = self._buffers.image("shadows").image(*self.shape)
-        if not part._walks:
-            return part._blend("shadows", features, feature.ALBEDO)
-        part._walk({"albedo"}, albedo=image)
-        return image
+        if part._walks:
+            part._walk({"albedo"}, albedo=image)
+            return image
+        return part._blend("shadows", features, feature.ALBEDO)
 
     def median(self, name: str) -> tuple[F32, I32]:
         """Return depth and ids of one splat per pixel, shapes (h, w) and (4, h, w).
 
-        For "median" it is the splat at which half of the coverage is reached, for "front" the first
-        that contributes.
+        It is that at which half of the coverage is reached, or for "front" the first.
         """
         run, keep, splats = self._device.run, self._device.keep, self._splats
         buffers = self._buffers.nearest(name)
@@ -377,8 +369,8 @@ class TileLists:
     def _walk(
         self, wanted: AbstractSet[str], *, error: float = 0.0, layer: str = "", **out: Any
     ) -> None:
-        """Walk all pixels once for all `wanted` products. `out` has the arrays that the walk reads
-        and writes; "prims" are those of the `layer` of Cryptomatte."""
+        """Walk all pixels once for all `wanted` products. `out` has the arrays that it reads and
+        writes; "prims" are those of the `layer` of Cryptomatte."""
         splats = self._splats
         labels, count = self._labels(layer)
         options = (

@@ -141,6 +141,18 @@ CODES: dict[str, Code] = {
         "divide the tree, or tell splats apart by primId and instanceId only",
         "some splats of the tree have the same id",
     ),
+    "no-lights": Code(
+        "warning",
+        "shadows are requested of a stage without lights",
+        "add a light, or make one visible",
+        "nothing casts shadows",
+    ),
+    "unlit-tree": Code(
+        "warning",
+        "shadows are requested of a splat tree",
+        "convert the part that matters to a field with usdsplat convert",
+        "it neither casts nor receives shadows",
+    ),
     "outside-range": Code(
         "note",
         "a frame to draw is outside of the range from the stage's startTimeCode to its endTimeCode",

@@ -106,7 +106,8 @@ def _list_splats(
     projector.find_ray_hits()
     found = projector.sort((), labels=False)
     records, hits = found.records, found.ray_hits
-    appearances = projector.appearances(found.order)
+    numbers = np.arange(len(layout.labels), dtype=np.int32)
+    appearances = projector.labelled(found.order, numbers)
     enlarged = device.resident(records.shape, np.float32)
     device.run(lighting.enlarge, records, hits, enlarged)
     lists = rasterizer.bin(

@@ -8,7 +8,7 @@ too, as long as they fit in `KEPT_BYTES`: pixels of surfaces look at them in eve
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -110,6 +110,15 @@ class Lighting:
         return bool(self._catchers)
 
     @property
+    def catch_weights(self) -> F32 | None:
+        """1 for each appearance of splats that is a shadow catcher, else 0; None without any."""
+        if not self._catchers:
+            return None
+        prims = np.array([self.catches(path) for path in self._layout.prims], np.float32)
+        weights: F32 = prims[self._layout.labels[:, 0]]
+        return weights
+
+    @property
     def catching(self) -> npt.NDArray[np.uint8]:
         """Whether each prim of the scene is a shadow catcher, by its number."""
         return np.array([self.catches(path) for path in self._scene.prims()], np.uint8)
@@ -130,7 +139,7 @@ class Lighting:
         casts = self._is_shadowed or self._wants_ratios
         if is_plain and not casts:
             return band
-        run, keep, (height, width) = self._device.run, self._device.keep, band.depth.shape
+        run, (height, width) = self._device.run, band.depth.shape
         made = self._buffers.lit
         points, normals = made.points(height, width), made.normals(height, width)
         prims, sums = made.prims(height, width), made.sums(height, width)
@@ -142,7 +151,7 @@ class Lighting:
         run(total.clear, sums.reshape((-1, 1, lighting.SUMS)))
         names = self._scene.prims()
         for _, light in sorted(self._scene.named_lights.items()):
-            linked = keep(np.array([is_matte(name, light.linked) for name in names], np.uint8))
+            linked = np.array([is_matte(name, light.linked) for name in names], np.uint8)
             for each in self._maps(light, casts=casts):
                 self._illuminate(
                     each, light, ALL_APPEARANCES, linked,
@@ -347,6 +356,18 @@ def receives(spec: FieldSpec, settings: RenderSettings) -> bool:
     return mode == "shadowed"
 
 
+def is_needed(scene: RenderScene, settings: RenderSettings, aovs: Iterable[str]) -> bool:
+    """Return whether anything of a picture depends on lights that `kernels.shade` does not know, or
+    on shadows."""
+    lights = scene.named_lights.values()
+    if not lights:
+        return False
+    if settings.lighting == "shadowed" or "shadow" in aovs:
+        return True
+    shadowed = any(receives(field.spec, settings) for field in scene.visible_fields())
+    return shadowed or not all(light.is_plain for light in lights)
+
+
 def with_catchers(scene: RenderScene, view: View) -> View:
     """Return a view in which all shadow catchers, of the view and of the scene, are mattes."""
     rules = (*view.catchers, *((path, True) for path in scene.catchers()))
@@ -365,10 +386,7 @@ def lighting_of(
     aovs: Sequence[str],
 ) -> Lighting | None:
     """Return the light of a sample; None if nothing of the picture depends on it."""
-    lights = scene.named_lights
-    wants = "shadow" in aovs
-    shadowed = any(receives(field.spec, settings) for field in scene.visible_fields())
-    is_needed = wants or shadowed or settings.lighting == "shadowed"
-    if not lights or not (is_needed or not all(each.is_plain for each in lights.values())):
+    if not is_needed(scene, settings, aovs):
         return None
+    wants = "shadow" in aovs
     return Lighting(rasterizer, buffers, settings, scene, view, layout, wants_ratios=wants)

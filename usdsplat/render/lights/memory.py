@@ -1,0 +1,61 @@
+"""Estimate the memory that lighting adds to a picture."""
+
+from __future__ import annotations
+
+from collections.abc import Set as AbstractSet
+
+from usdsplat.kernels import lighting
+from usdsplat.render.lights.lighting import KEPT_BYTES, is_needed, receives, with_catchers
+from usdsplat.render.scene import RenderScene
+from usdsplat.render.settings import RenderSettings
+from usdsplat.render.specs import View
+
+RECEIVER = 8 * 3 + 4 * (4 + 6 + 3)
+"""Bytes of a splat as a receiver: place, normal, shape, gains."""
+CASTER = 300
+"""Bytes of a splat in the picture of a light: records by slot and in order, ray hits, lists."""
+DEPTH = 8
+"""Bytes of a pixel of the picture of meshes."""
+
+Use = tuple[bool, str, str]
+"""Whether buffers are used, their group, and their names, separated by spaces."""
+
+
+def lighting_uses(
+    scene: RenderScene, view: View, settings: RenderSettings, aovs: AbstractSet[str]
+) -> list[Use]:
+    """Return the buffers of a frame that lighting uses, see `memory.buffers_of`."""
+    is_lit = is_needed(scene, settings, aovs)
+    ratios = is_lit and "shadow" in aovs
+    casts = ratios or settings.lighting == "shadowed"
+    meshes = is_lit and bool(scene.drawn_meshes())
+    shades = not all(light.is_plain for light in scene.named_lights.values())
+    caught = bool(with_catchers(scene, view).catchers)
+    return [
+        (ratios, "splats", "features ordered_ratios"),
+        (ratios and caught, "splats", "catches"),
+        (ratios, "shadows", "image"),
+        (meshes and (casts or shades), "lit", "points normals prims sums"),
+        (meshes and casts, "lit", "ratios"),
+        (settings.samples > 1 and "shadow" in aovs, "sums", "shadow"),
+    ]
+
+
+def lighting_bytes(
+    scene: RenderScene, settings: RenderSettings, aovs: AbstractSet[str]
+) -> tuple[int, int]:
+    """Return the bytes of receivers, and those of depth maps, which are kept up to a limit."""
+    if not is_needed(scene, settings, aovs):
+        return 0, 0
+    wants, count = "shadow" in aovs, len(scene.named_lights)
+    receivers = sum(
+        len(field.instances) * len(field.spec.cloud)
+        for field in scene.visible_fields()
+        if wants or receives(field.spec, settings)
+    )
+    casters = scene.draw_list(settings.splat_budget).slots
+    pixels = settings.shadow_resolution**2 if scene.drawn_meshes() else 0
+    one = CASTER * casters + DEPTH * pixels
+    maps = count * max(1, settings.light_samples) * one
+    sums = 4 * lighting.SUMS * (count + 1)
+    return receivers * (RECEIVER + sums), min(maps, KEPT_BYTES) + one
