@@ -11,7 +11,7 @@ CAPTURE ?=
 OUT ?= demo
 BENCHMARKS := commands frame passes renderers scaling memory author formats converters decimation \
 	convert_memory deep colour simulation simulated_frame bakes preview_ui minification \
-	lod_build lod_quality lod_films split_table refinement normals
+	lod_build lod_quality lod_films split_table refinement normals lighting
 GPU_BENCHMARKS := commands cuda_frame simulation_cuda cuda_scaling lod_cuda
 
 CAPABILITIES := 8.0,9.0

@@ -41,6 +41,11 @@ def main(folder: Path) -> Path:
     sun.CreateNormalizeAttr(True)
     sun.CreateIntensityAttr(3.0)
     sun.AddRotateXYZOp().Set((25.0, 30.0, 0.0))
+    camera = UsdGeom.Camera.Define(stage, "/World/Camera")
+    camera.GetClippingRangeAttr().Set((0.01 * size, 100 * size))
+    eye, target = Gf.Vec3d(1.0, -5.0, 2.4) * size + Gf.Vec3d(*middle), Gf.Vec3d(*middle)
+    matrix = Gf.Matrix4d().SetLookAt(eye, target, Gf.Vec3d.ZAxis()).GetInverse()
+    camera.AddTransformOp().Set(matrix)
     stage.Save()
     picture = folder / "lit.exr"
     command = f"render {folder}/lit.usda -o {picture} --resolution 320x240 --aovs color,shadow"

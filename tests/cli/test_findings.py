@@ -20,7 +20,7 @@ EXPECTED = {
     "sublayer": ("missing-asset", "/"),
     "texture": ("missing-asset", "/W/Mat/T"),
     "dome": ("unsupported-light", "/W/Dome"),
-    "rect": ("unsupported-light", "/W/Rect"),
+    "portal": ("unsupported-light", "/W/Portal"),
     "volume": ("unsupported-prim", "/W/Volume"),
     "curves": ("unsupported-prim", "/W/Hair"),
     "typing error": ("unknown-type", "/W/Typo"),

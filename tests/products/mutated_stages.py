@@ -124,7 +124,7 @@ MUTATIONS: dict[str, Callable[[Usd.Stage], None]] = {
     "prim": refer("/W/Hero2", "", "/W/None"),
     "sublayer": lambda stage: stage.GetRootLayer().subLayerPaths.append("./none.usda"),
     "dome": define("/W/Dome", "DomeLight"),
-    "rect": define("/W/Rect", "RectLight"),
+    "portal": define("/W/Portal", "PortalLight"),
     "volume": define("/W/Volume", "Volume"),
     "curves": define("/W/Hair", "BasisCurves"),
     "typing error": define("/W/Typo", "ParticleField3DGaussianSplatt"),

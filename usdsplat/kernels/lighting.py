@@ -20,7 +20,9 @@ import math
 
 import numpy as np
 
+from .batch import SHRINK
 from .bins import TILE
+from .blend import exponential
 from .jit import scalar
 from .launch import kernel
 from .position import apply, unproject
@@ -142,9 +144,8 @@ def arriving(light, px, py, pz, normal):
 
 @scalar
 def fading(light, gap):
-    """Return the part of a shadow that is left at a distance from its caster."""
-    if light.distance < np.float32(0):
-        return np.float32(1)
+    """Return the part of a shadow that is left at a distance from its caster, where shadows of the
+    light have a maximum distance."""
     if gap >= light.distance:
         return np.float32(0)
     left = light.distance - gap
@@ -174,18 +175,20 @@ def through_splats(light, u, v, z, sigma, own, is_parallel, splats, tiles):
     tile = np.int64(row) // TILE * g.columns + np.int64(column) // TILE
     depth = np.float32(z)
     front = depth - sigma
-    for j in range(starts[tile], starts[tile + 1]):
+    x, y = np.float32(u), np.float32(v)
+    for i in range(starts[tile], starts[tile + 1]):
+        j = np.uint64(i)  # unsigned indices need no test for negative ones
         if not (limits[j] < front):
             break
-        k = lists[j]
-        dx, dy = np.float32(u - records[k, U]), np.float32(v - records[k, V])
+        k = np.uint64(lists[j])
+        dx, dy = x - records[k, U], y - records[k, V]
         power = records[k, LOG_OPACITY] + (
             records[k, A] * dx * dx + records[k, B] * dx * dy + records[k, C] * dy * dy
         )
         if not (power >= LOG_CUTOFF):
             continue
-        label = labels[k]
-        if label == own or casts[label] == 0:
+        label = np.uint64(labels[k])
+        if np.int64(label) == own or casts[label] == 0:
             continue
         first, second, third = row_at(hits[k, HX], hits[k, HY], hits[k, HZ], dy)
         hit = ray_hit_at(
@@ -198,8 +201,10 @@ def through_splats(light, u, v, z, sigma, own, is_parallel, splats, tiles):
         ramp = one
         if gap < np.float32(3) * both:
             ramp = (gap - both) / (both + both)
-        alpha = min(MOST_ALPHA, np.float32(math.exp(power)))
-        seen *= one - alpha * ramp * fading(light, gap)
+        alpha = min(MOST_ALPHA, exponential(min(power, zero) * SHRINK))
+        if light.distance >= zero:
+            ramp *= fading(light, gap)
+        seen *= one - alpha * ramp
         if seen < OPAQUE:
             return zero
     return seen
@@ -254,7 +259,9 @@ def past_surfaces(light, view, u, v, x, y, z, normal, sigma, depths):
                     ramp = np.float32(1)
                     if gap < np.float32(3) * sigma:
                         ramp = (gap - sigma) / (sigma + sigma)
-                    left = np.float32(1) - ramp * fading(light, gap)
+                    if light.distance >= np.float32(0):
+                        ramp *= fading(light, gap)
+                    left = np.float32(1) - ramp
             seen += np.float32(weight) * left
     return seen
 

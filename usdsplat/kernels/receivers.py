@@ -17,13 +17,25 @@ from .shade import DRAWN, NOTHING
 # --- 1. before: receivers in the world --------------------------------------------------
 
 
-@kernel(over="positions", writes=("points", "normals", "shapes"))
+@kernel(over="rows", writes=("points", "normals", "shapes"))
 def place_splats(
-    i, transform, turn, positions, rotations, scales, local_normals, facts, points, normals, shapes
+    i,
+    rows,
+    transform,
+    turn,
+    positions,
+    rotations,
+    scales,
+    local_normals,
+    facts,
+    points,
+    normals,
+    shapes,
 ):
-    """Write a splat of a field as a receiver.
+    """Write splat `rows[i]` of a field as receiver `i`.
 
     Args:
+        rows: Rows of the field, shape (n,) i32.
         transform: Local to world, shape (3, 4) f64; turn: cofactors of its 3x3, of any length.
         positions, rotations, scales: The field's arrays.
         local_normals, facts: Normals and (confidence, occlusion), see `feature.features`; empty for
@@ -32,17 +44,18 @@ def place_splats(
         normals: Receives unit normal and confidence, shape (n, 4) f32.
         shapes: Receives the covariance in the world, xx xy xz yy yz zz, shape (n, 6) f32.
     """
+    k = rows[i]
     px, py, pz = (
-        np.float64(positions[i, 0]),
-        np.float64(positions[i, 1]),
-        np.float64(positions[i, 2]),
+        np.float64(positions[k, 0]),
+        np.float64(positions[k, 1]),
+        np.float64(positions[k, 2]),
     )
     points[i, 0], points[i, 1], points[i, 2] = apply(transform, px, py, pz)
     for c in range(4):
         normals[i, c] = np.float32(0)
     if local_normals.shape[0] > 0:
-        x, y = np.float64(local_normals[i, 0]), np.float64(local_normals[i, 1])
-        z = np.float64(local_normals[i, 2])
+        x, y = np.float64(local_normals[k, 0]), np.float64(local_normals[k, 1])
+        z = np.float64(local_normals[k, 2])
         nx = turn[0, 0] * x + turn[0, 1] * y + turn[0, 2] * z
         ny = turn[1, 0] * x + turn[1, 1] * y + turn[1, 2] * z
         nz = turn[2, 0] * x + turn[2, 1] * y + turn[2, 2] * z
@@ -50,12 +63,12 @@ def place_splats(
         if 0.0 < square < np.inf:
             scale = 1.0 / math.sqrt(square)
             normals[i, 0], normals[i, 1] = np.float32(nx * scale), np.float32(ny * scale)
-            normals[i, 2], normals[i, 3] = np.float32(nz * scale), facts[i, 0]
+            normals[i, 2], normals[i, 3] = np.float32(nz * scale), facts[k, 0]
     w, a, b, c = (
-        np.float64(rotations[i, 0]),
-        np.float64(rotations[i, 1]),
-        np.float64(rotations[i, 2]),
-        np.float64(rotations[i, 3]),
+        np.float64(rotations[k, 0]),
+        np.float64(rotations[k, 1]),
+        np.float64(rotations[k, 2]),
+        np.float64(rotations[k, 3]),
     )
     xx, xy, xz, yy, yz, zz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for axis in range(3):
@@ -65,7 +78,7 @@ def place_splats(
             x, y, z = 2.0 * (a * b - w * c), 1.0 - 2.0 * (a * a + c * c), 2.0 * (b * c + w * a)
         else:
             x, y, z = 2.0 * (a * c + w * b), 2.0 * (b * c - w * a), 1.0 - 2.0 * (a * a + b * b)
-        size = np.float64(scales[i, axis])
+        size = np.float64(scales[k, axis])
         ex = (transform[0, 0] * x + transform[0, 1] * y + transform[0, 2] * z) * size
         ey = (transform[1, 0] * x + transform[1, 1] * y + transform[1, 2] * z) * size
         ez = (transform[2, 0] * x + transform[2, 1] * y + transform[2, 2] * z) * size
@@ -118,20 +131,25 @@ def total(i, sums, channel):
 
 
 @kernel(over="sums", writes=("out",))
-def ratios(i, sums, ambient, share, out):
+def ratios(i, sums, ambient, share, rows, out):
     """Write the ratio of the light that arrives at a receiver to that without shadows, 0..1.
 
     Args:
         sums: Result of `lighting.illuminate`.
         ambient: Light that no light of the stage explains, r g b, shape (3,) f32.
         share: The same as a share of the receiver's own irradiance.
-        out: Receives r g b, shape (n, 3) f32.
+        rows: Row of the field of each receiver of an instance, shape (k,) i32; empty if receivers
+            are in order.
+        out: Receives r g b in the order of rows, shape (n, 3) f32.
     """
+    at = np.int64(i)
+    if rows.shape[0] > 0:
+        at = i - i % rows.shape[0] + rows[i % rows.shape[0]]
     for c in range(3):
         more = ambient[c] + share * sums[i, 3 + c]
         full = sums[i, 3 + c] + more
         ratio = (sums[i, c] + more) / full if full > np.float32(0) else np.float32(1)
-        out[i, c] = ratio if np.float32(0) <= ratio <= np.float32(1) else np.float32(1)
+        out[at, c] = ratio if np.float32(0) <= ratio <= np.float32(1) else np.float32(1)
 
 
 @kernel(over="found", writes=("paints",), team=True)

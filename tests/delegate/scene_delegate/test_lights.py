@@ -10,7 +10,9 @@ import pytest
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdLux
 
 from tests.delegate.surface_stages import add_light
+from usdsplat import procedural_capture, schema
 from usdsplat.delegate.engine import Engine
+from usdsplat.render.matte import is_matte
 
 
 @pytest.fixture
@@ -112,3 +114,100 @@ def test_a_light_of_what_is_no_number_is_dark_and_a_warning(name, kind, held) ->
         (warning,) = engine.warnings
         assert warning.startswith(f"{light.GetPath()}.{name}: found {held!r}, expected ")
         assert engine.render_scene.lights == ()
+
+
+def test_lights_with_an_area_have_the_radiance_that_usdlux_says() -> None:
+    """Oracle: UsdLux's documentation: L = intensity · 2^exposure, over the area in the world with
+    `normalize`."""
+    stage = Usd.Stage.CreateInMemory()
+    rect = UsdLux.RectLight.Define(stage, "/A")
+    rect.CreateWidthAttr(2.0)
+    rect.CreateHeightAttr(3.0)
+    rect.CreateIntensityAttr(5.0)
+    rect.CreateExposureAttr(1.0)
+    UsdGeom.Xformable(rect).AddScaleOp().Set(Gf.Vec3f(2.0))
+    plain, ball, tube, flat = (
+        UsdLux.SphereLight.Define(stage, "/B"),
+        UsdLux.SphereLight.Define(stage, "/C"),
+        UsdLux.CylinderLight.Define(stage, "/D"),
+        UsdLux.DiskLight.Define(stage, "/E"),
+    )
+    plain.CreateTreatAsPointAttr(True)
+    ball.CreateRadiusAttr(0.0)
+    for light in (ball, tube, flat):
+        light.CreateNormalizeAttr(True)
+        light.CreateIntensityAttr(1.0)
+    found = list(shining(rect))
+    assert [each.kind for each in found] == ["rect", "sphere", "sphere", "cylinder", "disk"]
+    assert found[0].radiance == pytest.approx((10.0,) * 3) and found[0].size == (2.0, 3.0)
+    assert found[1].is_point and found[1].size[0] == 0.5
+    assert found[2].radiance == (1.0, 1.0, 1.0) and found[2].size[0] == 0.0
+    assert found[3].radiance[0] == pytest.approx(1 / (2 * math.pi * 0.5 * 1.0))
+    assert found[4].radiance[0] == pytest.approx(1 / (math.pi * 0.25))
+    rect.CreateNormalizeAttr(True)
+    assert shining(rect)[0].radiance[0] == pytest.approx(10.0 / 24.0)
+
+
+def test_shaping_shadows_and_angle_are_read(light) -> None:
+    """Oracle: the authored values."""
+    stage = light.GetPrim().GetStage()
+    light.CreateAngleAttr(2.0)
+    shadow = UsdLux.ShadowAPI.Apply(light.GetPrim())
+    shadow.CreateShadowColorAttr(Gf.Vec3f(0.1, 0.2, 0.3))
+    shadow.CreateShadowDistanceAttr(4.0)
+    shadow.CreateShadowFalloffAttr(1.0)
+    lamp = UsdLux.SphereLight.Define(stage, "/Spot")
+    shaping = UsdLux.ShapingAPI.Apply(lamp.GetPrim())
+    shaping.CreateShapingConeAngleAttr(30.0)
+    shaping.CreateShapingConeSoftnessAttr(0.25)
+    shaping.CreateShapingFocusAttr(2.0)
+    sun, spot = shining(light)
+    assert sun.angle == pytest.approx(math.radians(2))
+    assert sun.shadow.color == pytest.approx((0.1, 0.2, 0.3))
+    assert (sun.shadow.distance, sun.shadow.falloff, sun.shadow.enable) == (4.0, 1.0, True)
+    assert spot.shaping.angle == pytest.approx(math.radians(30))
+    assert (spot.shaping.softness, spot.shaping.focus) == (0.25, 2.0)
+
+
+def test_links_are_those_of_the_collections(light) -> None:
+    """Oracle: USD's membership query."""
+    stage = light.GetPrim().GetStage()
+    for name in ("/Group", "/Group/One", "/Group/Two", "/Other"):
+        UsdGeom.Xform.Define(stage, name)
+    api = UsdLux.LightAPI(light.GetPrim())
+    api.GetLightLinkCollectionAPI().CreateExcludesRel().SetTargets(["/Group/Two"])
+    shadows = api.GetShadowLinkCollectionAPI()
+    shadows.CreateIncludeRootAttr(False)
+    shadows.CreateIncludesRel().SetTargets(["/Group"])
+    (found,) = shining(light)
+    paths = ("/Group", "/Group/One", "/Group/Two", "/Other", "/New")
+    assert [is_matte(path, found.linked) for path in paths] == [True, True, False, True, True]
+    assert [is_matte(path, found.casters) for path in paths] == [True, True, True, False, False]
+
+
+def test_a_profile_and_a_texture_of_a_light_are_findings() -> None:
+    """Oracle: the sentences."""
+    stage = Usd.Stage.CreateInMemory()
+    rect = UsdLux.RectLight.Define(stage, "/Rect")
+    rect.CreateTextureFileAttr("sky.exr")
+    UsdLux.ShapingAPI.Apply(rect.GetPrim()).CreateShapingIesFileAttr("lamp.ies")
+    with Engine(stage) as engine:
+        found = [each for each in engine.findings if each.code == "unsupported-input"]
+    assert [each.path for each in found] == ["/Rect", "/Rect"]
+    assert all(name in f"{found}" for name in ("lamp.ies", "sky.exr"))
+
+
+def test_a_catcher_and_the_mode_of_a_field_are_read() -> None:
+    """Oracle: the applied schema and the token; an edit is seen."""
+    stage = Usd.Stage.CreateInMemory()
+    schema.author(stage, "/Splats", procedural_capture(2000))
+    UsdGeom.Cube.Define(stage, "/Cube")
+    with Engine(stage) as engine:
+        assert engine.render_scene.catchers() == set()
+        for path in ("/Splats", "/Cube"):
+            stage.GetPrimAtPath(path).AddAppliedSchema("SplatShadowCatcherAPI")
+        prim = stage.GetPrimAtPath("/Splats")
+        prim.CreateAttribute("splat:lighting", Sdf.ValueTypeNames.Token).Set("shadowed")
+        engine.sync()
+        assert engine.render_scene.catchers() == {"/Splats", "/Cube"}
+        assert engine.render_scene.visible_fields()[0].spec.lighting == "shadowed"

@@ -157,9 +157,11 @@ def _rules(prim: Usd.Prim, name: str) -> Rules:
     relationships = (collection.GetIncludesRel(), collection.GetExcludesRel())
     is_linked = any(each and each.HasAuthoredTargets() for each in relationships)
     includes_root = collection.GetIncludeRootAttr()
-    if not is_linked and (not includes_root or includes_root.Get() is not False):
+    has_root = not includes_root or includes_root.Get() is not False
+    if has_root and not is_linked:
         return EVERYTHING
-    return collections.rules(prim.GetStage(), [collection])
+    found = collections.rules(prim.GetStage(), [collection])
+    return (*EVERYTHING, *found) if has_root else found
 
 
 def _axis(prim: Usd.Prim, matrix: F64) -> Vector:

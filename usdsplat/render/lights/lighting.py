@@ -15,8 +15,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from usdsplat.core.cloud import F32
+from usdsplat.core.cloud import F32, I32
 from usdsplat.kernels import lighting, receivers, total
+from usdsplat.kernels.points.curve_order import curve_order
 from usdsplat.render.draw_list import DrawList, Group
 from usdsplat.render.frame_buffers import FrameBuffers
 from usdsplat.render.lights.cameras import LightCamera, bounds_of, cameras_of
@@ -36,6 +37,7 @@ from usdsplat.render.surfaces import SurfaceBand
 KEPT_BYTES = 512 << 20
 """Maximum size of the depth maps that are kept [byte]."""
 ALL_APPEARANCES = -1
+NO_ROWS: I32 = np.empty(0, np.int32)
 NO_RATIOS: F32 = np.empty((0, 3), np.float32)
 
 
@@ -51,6 +53,8 @@ class LightStore:
     """First slot of a group and path of a light -> what the sums depend on, and the sums."""
     gains: dict[int, tuple[Any, object, Any]] = field(default_factory=dict)
     """First slot of a group -> what its gains depend on, their token, and the gains."""
+    rows: dict[int, tuple[F32, I32]] = field(default_factory=dict)
+    """First slot of a group -> the centres of its field, and their order along a curve."""
     meshes: SurfaceCache = field(default_factory=SurfaceCache)
 
 
@@ -148,7 +152,7 @@ class Lighting:
             receivers.place_pixels, screen.view_record(), to_world, band.depth, band.normal,
             band.covered, band.ids, x0, y0, points, normals, prims,
         )  # fmt: skip
-        run(total.clear, sums.reshape((-1, 1, lighting.SUMS)))
+        run(total.clear, _by_pixel(sums))
         names = self._scene.prims()
         for _, light in sorted(self._scene.named_lights.items()):
             linked = np.array([is_matte(name, light.linked) for name in names], np.uint8)
@@ -160,7 +164,8 @@ class Lighting:
         ratio = made.ratios(height, width) if casts else NO_RATIOS
         if casts:
             none = np.zeros(3, np.float32)
-            run(receivers.ratios, sums, none, np.float32(self._settings.ambient), ratio)
+            share = np.float32(self._settings.ambient)
+            run(receivers.ratios, sums, none, share, NO_ROWS, ratio)
         if not is_plain or self._is_shadowed:
             part = ratio if self._is_shadowed else NO_RATIOS
             run(receivers.light_surfaces, sums, part, band.albedo, band.covered, band.color)
@@ -183,6 +188,7 @@ class Lighting:
         live = {(target.group.slot, path) for target in targets for path in lights}
         self._store.sums = {key: each for key, each in self._store.sums.items() if key in live}
         slots = {target.group.slot for target in targets}
+        self._store.rows = {k: each for k, each in self._store.rows.items() if k in slots}
         self._store.gains = {k: each for k, each in self._store.gains.items() if k in slots}
         found = {target.group.slot: self._gain(target) for target in targets}
         return {slot: each for slot, each in found.items() if slot in shadowed}, found
@@ -210,7 +216,7 @@ class Lighting:
             for _, rows in placed
         ]
         for sums in room:
-            self._device.run(total.clear, sums.reshape((-1, 1, lighting.SUMS)))
+            self._device.run(total.clear, _by_pixel(sums))
         for each in self._maps(light, casts=True):
             for (target, rows), sums in zip(placed, room, strict=True):
                 count = len(target.group.field.spec.cloud)
@@ -238,13 +244,24 @@ class Lighting:
             linear = transform[:3, :3]
             turn = np.cross(linear[[1, 2, 0]], linear[[2, 0, 1]])
             turn *= np.sign(np.linalg.det(linear)) or 1.0
+            place = np.ascontiguousarray(transform[:3])
             self._device.run(
-                receivers.place_splats, np.ascontiguousarray(transform[:3]), turn,
+                receivers.place_splats, self._rows(group), place, turn,
                 keep(cloud.positions), keep(cloud.rotations), keep(cloud.scales),
                 keep(surface.normals), keep(surface.facts), points, normals, shapes,
             )  # fmt: skip
             found.append((points, normals, shapes, lighting.NO_PRIMS))
         return found
+
+    def _rows(self, group: Group) -> I32:
+        """Return the rows of a field along the Z-order curve: receivers near each other look at the
+        same casters."""
+        positions = group.field.spec.cloud.positions
+        held = self._store.rows.get(group.slot)
+        if held is None or held[0] is not positions:
+            held = positions, curve_order(self._device, positions)
+            self._store.rows[group.slot] = held
+        return held[1]
 
     def _gain(self, target: _Target) -> tuple[object, Any]:
         """Return the gains of a group and their token."""
@@ -258,18 +275,18 @@ class Lighting:
         sums = kept[0][1]
         if len(kept) > 1:
             sums = resident(sums.shape, np.float32)
-            run(total.clear, sums.reshape((-1, 1, lighting.SUMS)))
+            run(total.clear, _by_pixel(sums))
             for _, each in kept:
                 run(
                     total.add,
-                    sums.reshape((-1, 1, lighting.SUMS)),
-                    each.reshape((-1, 1, lighting.SUMS)),
+                    _by_pixel(sums),
+                    _by_pixel(each),
                 )
         count = max(1, sums.shape[0])
         mean = [run(receivers.total, sums, 3 + channel) / count for channel in range(3)]
         gains = resident((sums.shape[0], 3), np.float32)
         ambient = np.array(mean, np.float32) * np.float32(self._settings.ambient)
-        run(receivers.ratios, sums, ambient, np.float32(0), gains)
+        run(receivers.ratios, sums, ambient, np.float32(0), self._rows(target.group), gains)
         token = object()
         self._store.gains[slot] = version, token, gains
         return token, gains
@@ -333,6 +350,11 @@ class Lighting:
             lighting.illuminate, each.light, points, normals, shapes, prims, linked, own,
             each.world_to_screen, each.views, (*each.splats, casts), each.tiles, each.depths, sums,
         )  # fmt: skip
+
+
+def _by_pixel(sums: Any) -> Any:
+    """Return sums of n receivers in the shape of a picture with a column, (n, 1, SUMS)."""
+    return sums.reshape((sums.shape[0], 1, lighting.SUMS))
 
 
 def _appearances(casters: DrawList, layout: DrawList) -> dict[int, list[int]]:
