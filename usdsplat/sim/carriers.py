@@ -22,6 +22,7 @@ from usdsplat.kernels.points.nearest import nearest
 from usdsplat.kernels.sim import carriers as kernels
 from usdsplat.sim.neighbors import Graph, Neighbors
 from usdsplat.sim.normals import FLAT, grown, oriented
+from usdsplat.sim.outside import turned_outwards
 from usdsplat.sim.parameters import NeighborsParameters, Parameters, SimParameters
 from usdsplat.sim.relaxing import relax, spacing
 from usdsplat.sim.specs import Moment, Recipe
@@ -119,7 +120,7 @@ class Carriers:
     positions: F32
     """Positions [unit], shape (c, 3)."""
     normals: F32
-    """Unit normals, all on the outer side of each connected part, shape (c, 3)."""
+    """Unit normals, on the outer side, shape (c, 3)."""
     dimension: F32
     """2 on surfaces, 3 where neighbours are all around, shape (c,)."""
     graph: Graph
@@ -167,7 +168,10 @@ class Carriers:
         normals, surfaceness = grown(device, graph, np.zeros_like(even))
         return cls(
             positions=even,
-            normals=oriented(device, graph, normals),
+            normals=turned_outwards(
+                even, oriented(device, graph, normals), graph.rows, graph.neighbors,
+                PER_DISTANCE * closest,
+            ),
             dimension=np.where(surfaceness < FLAT, 3, 2).astype(np.float32),
             graph=graph,
             spacing=PER_DISTANCE * closest,
