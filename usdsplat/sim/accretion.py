@@ -63,7 +63,7 @@ class Accretion:
         origin: The splat of the field that is nearest to each carrier, shape (c,).
         ids: Identities of the field's splats.
         weight: Selection weight of the field's splats, shape (n,): matter does not grow from those
-            with 0, and less high from those below 1.
+            with 0, and less high from those below 1. Nor does it inside the capture.
         first: Values of the stage at the first frame.
     """
 
@@ -77,7 +77,8 @@ class Accretion:
         first: Moment,
     ) -> None:
         self._device, self._carriers = device, carriers
-        self._origin, self._ids, self._weight = origin, ids, weight[origin]
+        self._origin, self._ids = origin, ids
+        self._weight: F32 = weight[origin] * carriers.outer
         self._seed = first.parameters.sim.seed
         self._up = np.asarray(first.up, np.float32)
         self._light = _light(first)

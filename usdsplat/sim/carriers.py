@@ -13,6 +13,7 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
+import numpy.typing as npt
 
 from usdsplat.core.cloud import F32, I32, I64, SplatCloud
 from usdsplat.core.progress import phase
@@ -22,7 +23,7 @@ from usdsplat.kernels.points.nearest import nearest
 from usdsplat.kernels.sim import carriers as kernels
 from usdsplat.sim.neighbors import Graph, Neighbors
 from usdsplat.sim.normals import FLAT, grown, oriented
-from usdsplat.sim.outside import turned_outwards
+from usdsplat.sim.outside import outer_side
 from usdsplat.sim.parameters import NeighborsParameters, Parameters, SimParameters
 from usdsplat.sim.relaxing import relax, spacing
 from usdsplat.sim.specs import Moment, Recipe
@@ -121,6 +122,8 @@ class Carriers:
     """Positions [unit], shape (c, 3)."""
     normals: F32
     """Unit normals, on the outer side, shape (c, 3)."""
+    outer: npt.NDArray[np.bool_]
+    """Whether a carrier is on the outside, not inside the capture, shape (c,)."""
     dimension: F32
     """2 on surfaces, 3 where neighbours are all around, shape (c,)."""
     graph: Graph
@@ -138,6 +141,7 @@ class Carriers:
         seed: int = 0,
         target: float = 16.0,
         most: int = MOST,
+        up: tuple[float, float, float] | None = None,
     ) -> Carriers:
         """Distribute points evenly over a capture.
 
@@ -149,6 +153,7 @@ class Carriers:
             seed: Seed of the random numbers.
             target: Target number of neighbours of each carrier.
             most: Largest number of carriers.
+            up: Unit vector upwards in the capture's space; None if unknown.
         """
         rows = np.flatnonzero(_is_surface(cloud))
         ellipses = _Ellipses.of(cloud, rows)
@@ -166,12 +171,14 @@ class Carriers:
         slots: I32 = np.arange(len(even), dtype=np.int32)
         graph = replace(graph, order=slots, rank=slots)  # slots are rows
         normals, surfaceness = grown(device, graph, np.zeros_like(even))
+        normals, outer = outer_side(
+            even, oriented(device, graph, normals), graph.rows, graph.neighbors,
+            PER_DISTANCE * closest, up,
+        )  # fmt: skip
         return cls(
             positions=even,
-            normals=turned_outwards(
-                even, oriented(device, graph, normals), graph.rows, graph.neighbors,
-                PER_DISTANCE * closest,
-            ),
+            normals=normals,
+            outer=outer,
             dimension=np.where(surfaceness < FLAT, 3, 2).astype(np.float32),
             graph=graph,
             spacing=PER_DISTANCE * closest,
@@ -218,7 +225,7 @@ def carriers_of(device: Device, recipe: Recipe, uses: Uses, first: Moment) -> Ca
     with phase("carriers", work=len(recipe.rest)):
         return Carriers.of(
             device, recipe.rest, distance=distance, seed=p.sim.seed, target=p.neighbors.target,
-            most=most,
+            most=most, up=first.up,
         )  # fmt: skip
 
 

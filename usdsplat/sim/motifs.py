@@ -67,23 +67,28 @@ def noise(device: Device, carriers: Carriers, seed: int, size: float) -> F32:
 
 
 def sites_of(device: Device, carriers: Carriers, size: float, seed: int) -> I64:
-    """Return carriers that are about `size` distances of carriers apart, in ascending order.
+    """Return carriers on the outside about `size` distances of carriers apart, in ascending order.
 
     Carriers are taken in a random order unless one is near already; Lloyd's rounds then move each
     to the middle of the carriers that are nearest to it.
     """
     c, places = len(carriers), carriers.positions
     order = np.argsort(drawn(device, c, seed), kind="stable")
+    order = order[carriers.outer[order]]
+    outer = np.flatnonzero(carriers.outer)
     taken = _apart(places, order, 0.72 * size * carriers.spacing)
     for _ in range(ROUNDS):
-        owner = nearest(device, places[taken], places, 1)[0][:, 0]
+        owner = nearest(device, places[taken], places[outer], 1)[0][:, 0]
         total = np.stack(
-            [np.bincount(owner, weights=places[:, axis], minlength=len(taken)) for axis in range(3)]
+            [
+                np.bincount(owner, weights=places[outer, axis], minlength=len(taken))
+                for axis in range(3)
+            ]
         ).T
         count = np.maximum(np.bincount(owner, minlength=len(taken)), 1)
         middle = (total / count[:, None]).astype(np.float32)
-        taken = np.unique(nearest(device, places, middle, 1)[0][:, 0]).astype(np.int64)
-    return taken
+        taken = np.unique(outer[nearest(device, places[outer], middle, 1)[0][:, 0]])
+    return taken.astype(np.int64)
 
 
 class Cells:

@@ -12,11 +12,11 @@ from usdsplat.kernels.points.nearest import nearest
 from usdsplat.sim.carriers import Carriers
 from usdsplat.sim.motifs import Look, drawn, sites_of
 
-GROUP = 4.2
+GROUP = 4.6
 """Distance of the middles of groups, in distances of needles."""
 GROWING = 1.5
 """Time in which the longest needle grows [s]."""
-SLIM = 0.085
+SLIM = 0.1
 """Usual radius of a needle, as a part of its length."""
 LEAN, STRAY = 0.95, 0.35
 """How far needles lean away from the middle of their group, and how much at random."""
@@ -69,8 +69,8 @@ class Needles:
         part = np.minimum(apart[:, 0] / reach, 1.5)
         chance = drawn(device, k, seed + 2)
         group = 0.55 + 0.45 * drawn(device, len(middles), seed + 3)[near[:, 0]]
-        lengths = group * np.exp(-1.6 * part**2) * (0.35 + 0.65 * chance)
-        lengths = np.maximum(lengths, 0.1 + 0.16 * chance**2)
+        lengths = group * np.exp(-1.3 * part**2) * (0.45 + 0.55 * chance)
+        lengths = np.maximum(lengths, 0.13 + 0.2 * chance**2)
         normals = carriers.normals[sites]
         turn = 2 * np.pi * drawn(device, k, seed + 4)
         tilt = STRAY * np.sqrt(drawn(device, k, seed + 5))

@@ -12,9 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from usdsplat.core.cloud import F32, I32, I64
+from usdsplat.core.cloud import F32, I64
 from usdsplat.kernels.device import Device
 from usdsplat.kernels.points.nearest import nearest
+from usdsplat.kernels.sim.geodesic import geodesics
 from usdsplat.sim.carriers import Carriers
 from usdsplat.sim.motifs import Look, drawn, noise, sites_of
 
@@ -22,8 +23,10 @@ MURRAY = 1 / 2.4
 """Exponent of radii: 1/3 is Murray's, a larger one tells trunks from ends."""
 LEAST, MOST = 1.0, 3.6
 """Radii of ends, and largest radii, in distances of carriers."""
-MEANDER, JOIN = 1.8, 2.2
-"""How far paths stray, and how much they prefer others, in distances of carriers."""
+MEANDER, JOIN = 1.5, 4.0
+"""How much paths stray, and how much they prefer others, in distances of carriers."""
+ROOTS = 4
+"""About the largest number of trees."""
 THICKENING = 1.6
 """Time in which a vein takes its thickness [s]."""
 NEAR = 6
@@ -34,13 +37,14 @@ PARTS = 4
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class _Tree:
-    """Veins at the carriers: radius of the nearest vein, distance from it, both in distances of
-    carriers, and time at which it gets there."""
+    """The vein that each of c carriers is nearest to."""
 
     radius: F32
+    """Its radius there, in distances of carriers."""
     distance: F32
+    """Distance from it, in distances of carriers; inf for none."""
     arrival: F32
-    piece: I32
+    """Time at which it gets there [s]."""
 
 
 class Veins:
@@ -55,98 +59,116 @@ class Veins:
 
     def __init__(self, device: Device, carriers: Carriers, size: float, seed: int) -> None:
         self._device, self._carriers = device, carriers
-        self._ends = sites_of(device, carriers, size, seed)
-        order = np.argsort(drawn(device, len(self._ends), seed + 1), kind="stable")
-        self._ends = self._ends[order]
-        self._stray = noise(device, carriers, seed + 2, 5.0) + 0.4 * drawn(
+        ends = sites_of(device, carriers, size, seed)
+        self._ends = ends[np.argsort(drawn(device, len(ends), seed + 1), kind="stable")]
+        self._stray = noise(device, carriers, seed + 2, 6.0) + 0.3 * drawn(
             device, len(carriers), seed + 3
         )
+        graph, places = carriers.graph, carriers.positions
+        own = np.repeat(np.arange(len(carriers)), np.diff(graph.rows))
+        length = np.linalg.norm(places[own] - places[graph.neighbors], axis=1) / carriers.spacing
+        # paths stray through what is cheap, as veins do
+        toll = 1 + MEANDER * self._stray[graph.neighbors]
+        inside = ~(carriers.outer[own] & carriers.outer[graph.neighbors])
+        self._length = np.where(inside, np.inf, length).astype(np.float32)
+        self._costs = np.where(inside, np.inf, length * toll).astype(np.float32)
+        self._own = own
         self._of: F32 | None = None
         self._tree: _Tree | None = None
 
     def at(self, arrival: F32, now: float) -> Look:
         """Return the look at a time: veins run outwards with the front, and thicken."""
-        if self._tree is None or self._of is not arrival:
-            if self._of is None or not np.array_equal(self._of, arrival):
-                self._tree = self._grown(arrival)
-            self._of = arrival
+        if self._tree is None or self._of is None or not np.array_equal(self._of, arrival):
+            self._tree, self._of = self._grown(arrival), arrival
         tree = self._tree
-        assert tree is not None
         with np.errstate(invalid="ignore"):
             age = np.clip((now - tree.arrival) / THICKENING, 0, 1)
-        age = np.where(tree.arrival <= now, 0.45 + 0.55 * age, 0)
-        radius = tree.radius * age
+        radius = tree.radius * np.where(tree.arrival <= now, 0.45 + 0.55 * age, 0)
         with np.errstate(divide="ignore", invalid="ignore"):
             across = np.where(radius > 0, tree.distance / radius, np.inf)
+        here = across < 1
         tube = np.sqrt(np.clip(1 - across**2, 0, 1)) * radius / MOST
-        rise = np.where(across < 1, np.maximum(tube, 0.05), 0)
-        tone = np.clip(1 - across, 0, 1) * (0.55 + 0.45 * radius / MOST)
+        tone = np.clip(1 - across, 0, 1) * (0.6 + 0.4 * radius / MOST)
         return Look(
-            rise=np.float32(rise), tone=np.float32(np.where(across < 1, tone, 0)), piece=tree.piece
+            rise=np.where(here, np.maximum(tube, 0.02), 0).astype(np.float32),
+            tone=np.where(here, tone, 0).astype(np.float32),
+            piece=np.zeros(len(arrival), np.int32),
         )
 
     def _grown(self, arrival: F32) -> _Tree:
         """Return the tree for these times of arrival."""
-        c, graph = self._carriers, self._carriers.graph
-        n = len(c)
-        finite = np.isfinite(arrival)
-        steps = self._steps(arrival)
-        score = np.where(finite, steps, np.inf) + MEANDER * self._stray
-        parent = np.full(n, -1, np.int64)
-        on = np.zeros(n, np.bool_)
-        for end in self._ends[finite[self._ends]].tolist():
-            at = end
-            while not on[at]:
-                on[at] = True
-                near = graph.neighbors[graph.rows[at] : graph.rows[at + 1]]
-                near = near[arrival[near] < arrival[at]]
-                if not len(near):
-                    break
-                best = int(near[np.argmin(score[near] - JOIN * on[near])])
-                parent[at] = best
-                at = best
+        c, n = self._carriers, len(self._carriers)
+        roots = np.flatnonzero(np.isfinite(arrival) & c.outer)
+        roots = roots[arrival[roots] <= arrival[roots].min(initial=np.inf)]
+        ways, parent = self._ways(arrival, roots[:: max(1, len(roots) // ROOTS)])
         rows = np.flatnonzero(parent >= 0)
-        none = np.full(n, np.inf, np.float32)
         if not len(rows):
-            return _Tree(
-                radius=np.zeros(n, np.float32), distance=none, arrival=none,
-                piece=np.zeros(n, np.int32),
-            )  # fmt: skip
+            none = np.full(n, np.inf, np.float32)
+            return _Tree(radius=np.zeros(n, np.float32), distance=none, arrival=none)
         flow = np.zeros(n)
-        flow[self._ends[finite[self._ends]]] = 1
-        for i in rows[np.argsort(-arrival[rows], kind="stable")].tolist():
+        flow[self._ends[parent[self._ends] >= 0]] = 1
+        for i in rows[np.argsort(-ways[rows], kind="stable")].tolist():
             flow[parent[i]] += flow[i]
         places = _smoothed(c.positions, rows, parent)
         wide = np.minimum(LEAST * np.maximum(flow, 1) ** MURRAY, MOST)
-        t = (np.arange(PARTS) / PARTS)[:, None]
+        times = self._times(arrival, rows, parent, ways)
+        t = (np.arange(PARTS) / PARTS)[None, :]
         up = parent[rows]
-        points = places[rows] + t[..., None] * (places[up] - places[rows])
-        radii = (wide[rows] + t * (wide[up] - wide[rows])).ravel()
-        times = (arrival[rows] + t * (arrival[up] - arrival[rows])).ravel()
-        near, apart = nearest(self._device, np.float32(points.reshape(-1, 3)), c.positions, NEAR)
+        points = places[rows, None] + t[..., None] * (places[up] - places[rows])[:, None]
+        radii = (wide[rows, None] + t * (wide[up] - wide[rows])[:, None]).ravel()
+        begins = (times[rows, None] + t * (times[up] - times[rows])[:, None]).ravel()
+        tree = np.ascontiguousarray(points.reshape(-1, 3), np.float32)
+        near, apart = nearest(self._device, tree, c.positions, NEAR)
         apart = np.where(near >= 0, apart / np.float32(c.spacing), np.inf)
         near = np.maximum(near, 0)
-        inside = 1 - (apart / radii[near]) ** 2
-        best = np.argmax(inside * radii[near] ** 2, axis=1)
+        best = np.argmax(radii[near] ** 2 - apart**2, axis=1)
         every = np.arange(n)
         chosen = near[every, best]
         return _Tree(
-            radius=np.float32(radii[chosen]), distance=np.float32(apart[every, best]),
-            arrival=np.float32(times[chosen]), piece=np.zeros(n, np.int32),
-        )  # fmt: skip
+            radius=radii[chosen].astype(np.float32),
+            distance=np.where(c.outer, apart[every, best], np.inf).astype(np.float32),
+            arrival=begins[chosen].astype(np.float32),
+        )
 
-    def _steps(self, arrival: F32) -> F32:
-        """Return times of arrival in distances of carriers along the front's way."""
+    def _ways(self, arrival: F32, roots: I64) -> tuple[F32, I64]:
+        """Return the cost of the way to each carrier, shape (c,), and the carrier before it on the
+        way to the ends, -1 for none, shape (c,)."""
+        graph, n = self._carriers.graph, len(self._carriers)
+        parent, on = np.full(n, -1, np.int64), np.zeros(n, np.bool_)
+        if not len(roots):
+            return np.full(n, np.inf, np.float32), parent
+        costs = np.where(np.isfinite(arrival[graph.neighbors]), self._costs, np.inf)
+        ways, _ = geodesics(
+            self._device, graph.rows, graph.neighbors, costs.astype(np.float32), roots
+        )
+        for end in self._ends[np.isfinite(ways[self._ends])].tolist():
+            at = end
+            while not on[at]:
+                on[at] = True
+                edges = np.arange(graph.rows[at], graph.rows[at + 1])
+                near = graph.neighbors[edges]
+                lower = ways[near] < ways[at]
+                if not lower.any():
+                    break
+                edges, near = edges[lower], near[lower]
+                score = ways[near] + costs[edges] - JOIN * on[near]
+                parent[at] = at = int(near[np.argmin(score)])
+        return ways, parent
+
+    def _times(self, arrival: F32, rows: I64, parent: I64, ways: F32) -> F32:
+        """Return the time at which veins reach the tree's carriers [s], shape (c,): they run as
+        fast as the front, and are never ahead of it."""
         c, graph = self._carriers, self._carriers.graph
-        own = np.repeat(np.arange(len(c)), np.diff(graph.rows))
         with np.errstate(invalid="ignore"):
-            later = np.abs(arrival[own] - arrival[graph.neighbors])
-        length = np.linalg.norm(c.positions[own] - c.positions[graph.neighbors], axis=1)
-        some = np.isfinite(later) & (later > 0)
-        if not some.any():
-            return arrival
-        pace = float(np.quantile(later[some] / length[some], 0.95)) * c.spacing
-        return np.float32(arrival / max(pace, 1e-12))
+            later = np.abs(arrival[self._own] - arrival[graph.neighbors]) / self._length
+        some = later[np.isfinite(later) & (later > 0)]
+        pace = float(np.quantile(some, 0.95)) if len(some) else 0.0
+        times = arrival.astype(np.float64)
+        apart = np.zeros(len(c))
+        apart[rows] = np.linalg.norm(c.positions[rows] - c.positions[parent[rows]], axis=1)
+        for i in rows[np.argsort(ways[rows], kind="stable")].tolist():
+            times[i] = max(times[i], times[parent[i]] + pace * apart[i] / c.spacing)
+        return times.astype(np.float32)
 
 
 def _smoothed(places: F32, rows: I64, parent: I64) -> F32:

@@ -13,9 +13,9 @@ from usdsplat.kernels.sim.matrix import matrix_quat
 ZERO, ONE, HALF = np.float32(0), np.float32(1), np.float32(0.5)
 SIDES = 6
 """Facets around a needle."""
-SHOULDER = np.float32(0.72)
+SHOULDER = np.float32(0.68)
 """Part of the length where the point begins."""
-NARROWER = np.float32(0.2)
+NARROWER = np.float32(0.35)
 """Part of the radius that is lost up to there."""
 SUNK = np.float32(0.06)
 """Part of the length that is below the surface."""

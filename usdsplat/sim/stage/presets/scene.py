@@ -8,7 +8,7 @@ import numpy as np
 from pxr import Gf, Sdf, Usd, UsdGeom
 
 from usdsplat import schema
-from usdsplat.core.cloud import F64
+from usdsplat.core.cloud import F64, SplatCloud
 from usdsplat.core.errors import StageError
 from usdsplat.schema.stage_values import up_axis
 from usdsplat.sim.parameters import SimParameters
@@ -31,7 +31,10 @@ class Scene:
     parent: Sdf.Path
     field: Sdf.Path
     """Path of the capture's field."""
+    cloud: SplatCloud
+    """The capture at the first frame, in its own space."""
     count: int
+    """Number of its splats at finite places."""
     center: F64
     """[unit], shape (3,)."""
     extent: F64
@@ -102,6 +105,7 @@ def measured(stage: Usd.Stage, field: Usd.Prim, last: int) -> Scene:
         stage=stage,
         parent=holder.GetPath().AppendChild("Simulation"),
         field=field.GetPath(),
+        cloud=cloud,
         count=len(points),
         center=(low + high) / 2,
         extent=extent,
