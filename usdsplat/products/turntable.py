@@ -16,7 +16,6 @@ from usdsplat.delegate.engine import Engine
 from usdsplat.interchange.files import open_stage
 from usdsplat.render.scene import RenderScene, matrix
 from usdsplat.render.specs import CameraSpec
-from usdsplat.schema.stage_values import local_to_world
 from usdsplat.schema.usd_files import export_layer
 
 FOCAL_LENGTH = 50.0

@@ -46,6 +46,26 @@ def accrete(parts: Parts, state: State, moment: Moment, step: Step) -> list[I64]
     return changes
 
 
+def fill(parts: Parts, state: State, now: float) -> bool:
+    """Fill the pieces that have broken off since the last time; return whether there are any.
+
+    Args:
+        parts: Parts of the solver.
+        state: All of its arrays may be replaced.
+        now: Time since the simulation's start [s].
+    """
+    filling = None if parts.matter is None else parts.matter.filling
+    if filling is None:
+        return False
+    chosen, rows = filling.due(state)
+    if not len(rows):
+        return False
+    population.append(state, rows, now=now)
+    filling.shape(state, chosen)
+    parts.target_pose.append_children(rows, state)
+    return True
+
+
 def join(parts: Parts, state: State, moment: Moment, now: float) -> bool:
     """Append the splats of another capture if they must join now; return whether they did.
 

@@ -66,8 +66,8 @@ class AccretionParameters:
     )  # fmt: skip
     ramp_by: Literal["v", "height", "age", "curvature"] = knob(
         "v",
-        "what the colour follows: the pattern or the motif, the height, the time since birth over rampTime, or "
-        "how far a disc stands out from its surroundings",
+        "what the colour follows: the pattern or the motif, the height, the time since birth over "
+        "rampTime, or how far a disc stands out from its surroundings",
     )
     ramp_time: float = knob(3.0, "age at the end of the ramp", unit="s", range=(1e-6, INF))
     ramp: tuple[tuple[float, float, float], ...] = knob(
