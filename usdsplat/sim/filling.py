@@ -14,6 +14,7 @@ import numpy.typing as npt
 from usdsplat.core.cloud import F32, I32, I64
 from usdsplat.core.sh import rgb_to_dc
 from usdsplat.kernels.device import Device
+from usdsplat.kernels.points.nearest import nearest
 from usdsplat.kernels.sim.seeds import draw
 from usdsplat.sim.carriers import NEAR, NEAREST, WEIGHTS, Carriers
 from usdsplat.sim.outside import Light
@@ -24,19 +25,23 @@ THICK = 0.42
 """Depth of a piece, relative to its size."""
 LAYERS = 5
 """Splats of a column, one over the other."""
+SIDE_BY_SIDE = 5
+"""Splats of a layer of a column, beside each other."""
+BELOW = 0.85
+"""Least depth, in distances of carriers: captured splats cover what is there."""
 TAPER = 0.22
 """How much a piece narrows towards its back."""
-WIDE, FLAT = 0.5, 0.2
+WIDE, FLAT = 0.32, 0.1
 """Standard deviations of a splat along its face and across, in distances of carriers."""
-ROUGH = 0.35
+ROUGH = 1.0
 """Random shifts of splats, in distances of carriers."""
 OPACITY = 0.97
-GREY, DARK, GRAIN = 0.6, 0.72, 0.22
+GREY, DARK, GRAIN = 0.5, 0.78, 0.12
 """How grey broken stone is, how bright relative to its surface, and how much that varies."""
 CELL = 1.2
 """Edge of the cells in which it is looked for the inside, in distances of carriers."""
-DIM = 0.25
-"""Light inside, at most, relative to that outside."""
+DIM = 0.03
+"""Light inside, at most, relative to that usual outside."""
 SEED = 9100
 """Added to the seed of the simulation."""
 FILLED = "filling:pieces"
@@ -145,24 +150,27 @@ def _filled(
     middle = np.stack([np.bincount(pieces.piece, weights=places[:, a]) for a in range(3)]).T
     inward = (middle / count[:, None])[pieces.piece] - places
     inward -= normals * np.einsum("ij,ij->i", inward, normals)[:, None]
-    number = np.repeat(np.arange(c), LAYERS)
-    layer = np.tile(np.arange(LAYERS), c)
+    number = np.repeat(np.arange(c), LAYERS * SIDE_BY_SIDE)
+    layer = np.tile(np.repeat(np.arange(LAYERS), SIDE_BY_SIDE), c)
     back = layer == LAYERS - 1
     kept = (back | seam[number]) & carriers.outer[number]
     number, layer, back = number[kept], layer[kept], back[kept]
     noise: F32 = device.empty(5 * len(number), np.float32)
     device.run(draw, np.arange(5 * len(number), dtype=np.int64), seed, noise)
     chance = noise.reshape(-1, 5)
-    depth = THICK * size * spacing * (layer + 0.4) / LAYERS
-    part = (layer + 0.4) / LAYERS
+    part = (layer + chance[:, 3]) / LAYERS
+    depth = spacing * (BELOW + 0.1 + THICK * size * part)
     at = places[number] - depth[:, None] * normals[number]
     at += TAPER * part[:, None] * inward[number]
     at += ROUGH * spacing * (chance[:, :3] - 0.5)
     at = at.astype(np.float32)
     # nothing stands out on the other side of what is thin: there light comes to
+    near = nearest(device, carriers.positions, at, 1)[0][:, 0]
+    height = np.einsum("ij,ij->i", at - carriers.positions[near], carriers.normals[near])
     light = Light(carriers.positions, CELL * spacing, None)
     outer = light.at(carriers.positions + 2 * light.cell * carriers.normals)
-    solid = light.at(at) < DIM * outer[number]
+    dark = light.at(at) < DIM * np.median(outer)
+    solid = dark & (height < -BELOW * spacing)
     number, back, at, chance = number[solid], back[solid], at[solid], chance[solid]
     side = -inward[number]
     length = np.linalg.norm(side, axis=1, keepdims=True)

@@ -33,9 +33,7 @@ def accrete(parts: Parts, state: State, moment: Moment, step: Step) -> list[I64]
         return []
     knobs = styles.resolved(moment.parameters.accretion)
     uv: F32 = state.globals[UV]
-    carriers, rows = accretion.due(
-        state, uv, knobs, moment.parameters.sim.max_count, step.now
-    )
+    carriers, rows = accretion.due(state, uv, knobs, moment.parameters.sim.max_count, step.now)
     changes: list[I64] = []
     if len(rows):
         changes.append(np.concatenate([np.arange(len(state)), rows]))

@@ -184,5 +184,3 @@ def _smoothed(places: F32, rows: I64, parent: I64) -> F32:
         middle = 0.5 * (out[parent[inner]] + below[inner] / children[inner, None])
         out[inner] = 0.5 * (out[inner] + middle)
     return out.astype(np.float32)
-
-
