@@ -7,6 +7,7 @@ its carriers, and columns of splats below those at its seams, as deep as the sol
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -164,13 +165,15 @@ def _filled(
     at += TAPER * part[:, None] * inward[number]
     at += ROUGH * spacing * (chance[:, :3] - 0.5)
     at = at.astype(np.float32)
-    # nothing stands out on the other side of what is thin: there light comes to
+    # what is thin stays thin: light comes to its other side
     near = nearest(device, carriers.positions, at, 1)[0][:, 0]
     height = np.einsum("ij,ij->i", at - carriers.positions[near], carriers.normals[near])
     light = Light(carriers.positions, CELL * spacing, None)
     outer = light.at(carriers.positions + 2 * light.cell * carriers.normals)
-    dark = light.at(at) < DIM * np.median(outer)
-    solid = dark & (height < -BELOW * spacing)
+    solid = height < -BELOW * spacing
+    for deeper in (0, 1, 2):
+        further = at - np.float32(deeper * light.cell) * carriers.normals[number]
+        solid &= light.at(further) < DIM * np.median(outer)
     number, back, at, chance = number[solid], back[solid], at[solid], chance[solid]
     side = -inward[number]
     length = np.linalg.norm(side, axis=1, keepdims=True)
@@ -187,7 +190,7 @@ def _filled(
         positions=at,
         rotations=_facing(face),
         scales=scales,
-        colors=np.float32(np.clip(tone, 0, 1)),
+        colors=_f32(np.clip(tone, 0, 1)),
     )
 
 
@@ -196,4 +199,8 @@ def _facing(axes: npt.NDArray[np.float64]) -> F32:
     w = 1 + axes[:, 2]
     turn = np.stack([w, -axes[:, 1], axes[:, 0], np.zeros(len(axes))], axis=1)
     turn[w < 1e-6] = (0, 1, 0, 0)
-    return np.float32(turn / np.linalg.norm(turn, axis=1, keepdims=True))
+    return _f32(turn / np.linalg.norm(turn, axis=1, keepdims=True))
+
+
+def _f32(values: npt.NDArray[Any]) -> F32:
+    return np.ascontiguousarray(values, np.float32)

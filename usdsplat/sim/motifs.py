@@ -8,9 +8,10 @@ groups of needles. The motif of veins is in `vein_tree`.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
+import numpy.typing as npt
 
 from usdsplat.core.cloud import F32, I32, I64
 from usdsplat.kernels.device import Device
@@ -208,11 +209,11 @@ def _formed(arrival: F32, now: float, slower: float = 1.0) -> F32:
 
 def _angle(offset: F32, normals: F32) -> F32:
     """Return the azimuth of an offset around a normal [rad]."""
-    aside = np.where(np.abs(normals[:, :1]) < 0.7, np.float32([[1, 0, 0]]), np.float32([[0, 1, 0]]))
+    aside = np.where(np.abs(normals[:, :1]) < 0.7, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])
     x = np.cross(normals, aside)
     y = np.cross(normals, x)
     return _f32(np.arctan2((offset * y).sum(1), (offset * x).sum(1)))
 
 
-def _f32(values: np.ndarray) -> F32:  # type: ignore[type-arg]
+def _f32(values: npt.NDArray[Any]) -> F32:
     return np.ascontiguousarray(values, np.float32)

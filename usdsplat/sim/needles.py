@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from usdsplat.core.cloud import F32, I32
 from usdsplat.kernels.device import Device
@@ -83,8 +85,8 @@ class Needles:
         axes /= np.maximum(np.linalg.norm(axes, axis=1, keepdims=True), 1e-9)
         radii = SLIM * lengths**0.75 * (0.65 + 0.7 * drawn(device, k, seed + 6))
         self.prisms = Prisms(
-            bases=places[sites], axes=np.float32(axes), lengths=np.float32(lengths),
-            radii=np.float32(radii), site=site.astype(np.int32), rank=rank.astype(np.int32),
+            bases=places[sites], axes=_f32(axes), lengths=_f32(lengths),
+            radii=_f32(radii), site=site.astype(np.int32), rank=rank.astype(np.int32),
             count=count.astype(np.int32),
         )  # fmt: skip
 
@@ -92,11 +94,15 @@ class Needles:
         """Return the part of its length that each needle has grown, shape (k,)."""
         with np.errstate(invalid="ignore"):
             t = np.clip((now - arrival[self._sites]) / GROWING, 0, 1)
-        return np.float32(np.where(np.isfinite(arrival[self._sites]), 1 - (1 - t) ** 2, 0))
+        return _f32(np.where(np.isfinite(arrival[self._sites]), 1 - (1 - t) ** 2, 0))
 
     def at(self, arrival: F32, now: float) -> Look:
         """Return the look at a time: needles grow from the surface."""
         site = self.prisms.site
         grown = self.grown(arrival, now)[site]
         rise = self.prisms.lengths[site] * grown
-        return Look(rise=np.float32(rise), tone=np.float32(0.5 * grown), piece=site)
+        return Look(rise=_f32(rise), tone=_f32(0.5 * grown), piece=site)
+
+
+def _f32(values: npt.NDArray[Any]) -> F32:
+    return np.ascontiguousarray(values, np.float32)

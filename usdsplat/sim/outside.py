@@ -93,7 +93,7 @@ class Light:
         self._low = low - padding * self.cell
         shape = np.ceil((high - low) / self.cell).astype(int) + 2 * padding
         at, inside = self._cells(points, shape)
-        free = np.ones(shape, np.bool_)
+        free: Bools = np.ones(shape, np.bool_)
         free[tuple(at[inside].T)] = False
         self._grid = _spread(free, up)
 
@@ -120,7 +120,8 @@ def _spread(free: Bools, up: tuple[float, float, float] | None) -> F32:
     if max(shape) > COARSEST:
         even = np.pad(free, [(0, edge % 2) for edge in shape], constant_values=True)
         x, y, z = (edge // 2 for edge in even.shape)
-        coarse = _spread(even.reshape(x, 2, y, 2, z, 2).all(axis=(1, 3, 5)), up)
+        halved = even.reshape(x, 2, y, 2, z, 2).all(axis=(1, 3, 5))
+        coarse = _spread(np.asarray(halved, np.bool_), up)
         for axis in range(3):
             coarse = coarse.repeat(2, axis=axis)
         light[inner] = coarse[: shape[0], : shape[1], : shape[2]] * free
@@ -146,4 +147,4 @@ def _sky(shape: tuple[int, ...], up: tuple[float, float, float] | None) -> F32:
     axes = [np.linspace(-1, 1, edge) * edge / 2 for edge in around]
     offsets = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
     slope = offsets @ np.asarray(up) / np.maximum(np.linalg.norm(offsets, axis=-1), 1e-9)
-    return np.float32(GROUND + (1 - GROUND) * (0.5 + 0.5 * slope))
+    return (GROUND + (1 - GROUND) * (0.5 + 0.5 * slope)).astype(np.float32)

@@ -147,7 +147,8 @@ def discs(
         ramp_by: One of BY_V, BY_HEIGHT, BY_AGE, BY_CURVATURE. ramp: Colours, shape (COLORS, 3) f32.
         light: Unit vector to the light, shape (3,) f32.
         places, normals: Positions and unit normals of the carriers at rest, shape (c, 3) f32.
-        values, heights, facing, over: Place on the ramp, and results of `raise_carriers` and `face`, by carrier.
+        values, heights, facing, over: Place on the ramp, height [unit], and results of `face`, by
+            carrier.
         positions, rotations, scales, opacities, colors: Receive the discs, n rows.
     """
     i = rows[k]

@@ -6,11 +6,10 @@ from pxr import Usd
 
 from usdsplat.kernels.devices import open_device
 from usdsplat.sim.carriers import expected_spacing
-from usdsplat.sim.parameters import AccretionParameters
 from usdsplat.sim.stage.authoring import author
 from usdsplat.sim.stage.presets.preset import Choice, Preset, PresetOption
 from usdsplat.sim.stage.presets.scene import RATE, Scene
-from usdsplat.sim.styles import STYLES, resolved
+from usdsplat.sim.styles import STYLES
 
 _CARRIERS = 150
 """Most carriers along a capture: branches have about 10. The number of carriers, and the time of a
@@ -31,8 +30,8 @@ def _author(scene: Scene, sim: Usd.Prim, choice: Choice) -> None:
     unit = max(scene.size / _CARRIERS, spacing * scene.field_unit)
     seconds = scene.last / RATE
     assert choice.name is not None  # the option has a default
-    knobs = AccretionParameters(enabled=True, style=choice.name)
-    steps = _REACTION_STEPS if resolved(knobs).motif == "pattern" else 0
+    needs_pattern = STYLES[choice.name].knobs.get("motif", "pattern") == "pattern"
+    steps = _REACTION_STEPS if needs_pattern else 0
     author(
         sim,
         {
