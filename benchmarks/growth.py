@@ -51,7 +51,9 @@ def measure(capture: str, front: float) -> None:
             wave = wavelength(stage, strip)
             inside = first[..., 3] > 0.9
             covered = last[..., 3][inside].sum() / first[..., 3][inside].sum()
-            print(f"{capture:20} {name:6} {wave:6.1f} {covered:9.4f} {power(last, inside, wave):7.1f}")
+            print(
+                f"{capture:20} {name:6} {wave:6.1f} {covered:9.4f} {power(last, inside, wave):7.1f}"
+            )
 
 
 def picture(stage: Usd.Stage, frame: int) -> np.ndarray:
@@ -80,8 +82,10 @@ def power(image: np.ndarray, inside: np.ndarray, wave: float) -> float:
     mask = inside.astype(float)
     for _ in range(int(wave)):
         mask[1:-1, 1:-1] = (
-            mask[:-2, 1:-1] + mask[2:, 1:-1] + mask[1:-1, :-2] + mask[1:-1, 2:]
-        ) / 4 * inside[1:-1, 1:-1]
+            (mask[:-2, 1:-1] + mask[2:, 1:-1] + mask[1:-1, :-2] + mask[1:-1, 2:])
+            / 4
+            * inside[1:-1, 1:-1]
+        )
     mean = (light * mask).sum() / mask.sum()
     spectrum = np.abs(np.fft.fft2((light - mean) * mask)) ** 2
     fy, fx = np.meshgrid(*2 * [np.fft.fftfreq(SIZE)], indexing="ij")

@@ -133,11 +133,11 @@ STRIPS = {
         capture="statue_trumpet.sog", preset="shatter", frames=(1, 8, 14, 20, 34), turn=205
     ),
     "conform": Strip(
-        capture="pod.spz", preset="conform", goal=FIGURE, frames=(1, 14, 22, 30, 44), height=1.7
+        capture="pod.spz", preset="conform", goal=FIGURE, frames=(1, 36, 46, 56, 80), height=1.5
     ),
     "morph": Strip(
         capture="statue_angel.sog", preset="morph", goal="statue_massa.sog",
-        frames=(1, 14, 22, 30, 44),
+        frames=(1, 36, 46, 56, 80),
     ),
     "dissolve": Strip(
         capture="statue_trumpet.sog", preset="dissolve", frames=(1, 10, 18, 26, 40), turn=205,
@@ -196,7 +196,9 @@ def save(image: np.ndarray, path: Path) -> None:
         height, size = rgb.height, LIMIT + 1
         while size > LIMIT:
             small = rgb.resize((round(rgb.width * height / rgb.height), height), Image.LANCZOS)
-            few = small.quantize(256, Image.Quantize.MAXCOVERAGE, kmeans=1, dither=Image.Dither.NONE)
+            few = small.quantize(
+                256, Image.Quantize.MAXCOVERAGE, kmeans=1, dither=Image.Dither.NONE
+            )
             few.save(path, optimize=True)
             size = path.stat().st_size
             height = round(0.98 * height * min(1, LIMIT / size) ** 0.5)

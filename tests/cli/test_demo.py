@@ -76,8 +76,7 @@ def test_the_demo_bakes_a_growth(run, capture, tmp_path):
     stage = Usd.Stage.Open(str(folder / "growth_bake.usda"))
     field = stage.GetPrimAtPath("/World/Subject/splats")
     first, last = (schema.fetch(field, frame) for frame in (1, 4))
-    assert len(last) > len(first)
-    assert np.allclose(first.positions, last.positions[: len(first)])
+    assert (last.opacities > 0).sum() > (first.opacities > 0).sum() > 0
     assert run("validate", folder / "growth_bake.usda")[0] == 0
 
 
