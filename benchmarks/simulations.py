@@ -133,7 +133,8 @@ STRIPS = {
         capture="statue_trumpet.sog", preset="shatter", frames=(1, 8, 14, 20, 34), turn=205
     ),
     "conform": Strip(
-        capture="pod.spz", preset="conform", goal=FIGURE, frames=(1, 36, 46, 56, 80), height=1.5
+        capture="pod.spz", preset="conform", goal=FIGURE, frames=(1, 36, 46, 56, 80), height=2.3,
+        raised=0.35,
     ),
     "morph": Strip(
         capture="statue_angel.sog", preset="morph", goal="statue_massa.sog",

@@ -10,7 +10,7 @@ from usdsplat.core.cloud import F32, I32, SplatCloud
 from usdsplat.core.sh import dc_to_rgb
 from usdsplat.kernels.device import Device
 from usdsplat.sim.carriers import Binding, Carriers
-from usdsplat.sim.filling import Filling
+from usdsplat.sim.infill import Infill
 from usdsplat.sim.masks import Masks
 from usdsplat.sim.materials import breaks, resolved
 from usdsplat.sim.matter import Matter
@@ -92,11 +92,11 @@ class MatterField:
         self.matter = Matter(device, carriers, self._recipe.selection, colors, first)
         """The carriers as particles."""
         knobs = resolved(first.parameters.matter)
-        self.filling: Filling | None = None
+        self.filling: Infill | None = None
         """What fills pieces that break off; None for matter that does not break into pieces."""
         if self.matter.pieces is not None and breaks(knobs):
             ids = np.arange(len(recipe.rest)) if recipe.rest.ids is None else recipe.rest.ids
-            self.filling = Filling(
+            self.filling = Infill(
                 device, carriers, self.matter.pieces, colors=colors, origin=rows, ids=ids,
                 size=knobs.grain, seed=first.parameters.sim.seed,
             )  # fmt: skip

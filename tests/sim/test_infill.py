@@ -9,7 +9,7 @@ from tests.sim.recipes import ARRAYS, Written, always, ball, knobs, played
 from usdsplat.kernels.devices import open_device
 from usdsplat.sim import population
 from usdsplat.sim.carriers import NEAR, Carriers
-from usdsplat.sim.filling import Filling
+from usdsplat.sim.infill import Infill
 from usdsplat.sim.parameters import AffectorParameters
 from usdsplat.sim.pieces import Pieces
 from usdsplat.sim.specs import Affector, Solid
@@ -60,7 +60,7 @@ def test_a_piece_that_breaks_off_gets_an_inside(device) -> None:
         device, carriers, graph.rows, graph.neighbors, colors=np.full((c, 3), 0.5, np.float32),
         size=8.0, roots=np.zeros(c, np.bool_), seed=1,
     )  # fmt: skip
-    filling = Filling(
+    filling = Infill(
         device, carriers, pieces, colors=np.full((c, 3), 0.5, np.float32),
         origin=np.zeros(c, np.int32), ids=np.arange(COUNT), size=8.0, seed=1,
     )  # fmt: skip

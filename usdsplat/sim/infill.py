@@ -62,7 +62,7 @@ class _Fill:
     colors: F32
 
 
-class Filling:
+class Infill:
     """The filling of one field's pieces.
 
     Args:
