@@ -45,7 +45,6 @@ def measure(capture: str, front: float) -> None:
         for name, turn in (("front", front), ("side", front + 90)):
             stage = Usd.Stage.Open(str(baked))
             stage.SetEditTarget(stage.GetSessionLayer())
-            stage.RemovePrim(CAMERA)
             shoot(stage, replace(strip, turn=turn))
             first, last = (picture(stage, frame) for frame in strip.frames)
             wave = wavelength(stage, strip)

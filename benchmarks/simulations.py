@@ -70,6 +70,7 @@ def shoot(stage: Usd.Stage, strip: Strip) -> None:
     eye = at + way * (strip.height * size / 2 / np.tan(np.radians(ANGLE) / 2) / np.linalg.norm(way))
     camera = UsdGeom.Camera.Define(stage, CAMERA)
     view = Gf.Matrix4d().SetLookAt(Gf.Vec3d(*eye), Gf.Vec3d(*at), Gf.Vec3d(0, 1, 0))
+    camera.ClearXformOpOrder()
     camera.AddTransformOp().Set(view.GetInverse())
     camera.CreateVerticalApertureAttr(24.0)
     camera.CreateHorizontalApertureAttr(24.0 * strip.size[0] / strip.size[1])
@@ -81,6 +82,7 @@ def shoot(stage: Usd.Stage, strip: Strip) -> None:
         light.CreateNormalizeAttr(True)
         place = Gf.Matrix4d().SetRotate(Gf.Rotation(Gf.Vec3d.XAxis(), up))
         place *= Gf.Matrix4d().SetRotate(Gf.Rotation(Gf.Vec3d.YAxis(), side))
+        light.ClearXformOpOrder()
         light.AddTransformOp().Set(place * view.GetInverse())
 
 

@@ -1,6 +1,8 @@
-"""Tests that pieces of broken stone are filled. Oracles: the geometry of a ball, and the capture."""
+"""Tests that pieces of broken stone are filled. Oracles: a ball's geometry, and the capture."""
 
 from __future__ import annotations
+
+import itertools
 
 import numpy as np
 import pytest
@@ -80,7 +82,7 @@ def test_a_piece_that_breaks_off_gets_an_inside(device) -> None:
 
 def test_pieces_are_filled_once(broken) -> None:
     """Oracle: identities: those of a frame are in the next one, and none is there twice."""
-    for before, after in zip(broken, broken[1:], strict=False):
+    for before, after in itertools.pairwise(broken):
         assert set(before.cloud.ids.tolist()) <= set(after.cloud.ids.tolist())
     places = broken[-1].cloud.positions[broken[-1].cloud.ids >= COUNT]
     assert len(np.unique(places, axis=0)) == len(places)
