@@ -43,12 +43,20 @@ class JobOptions:
         return any(each is not None for each in (self.jobs, self.dask, self.openjd))
 
 
-def check_jobs(options: JobOptions) -> None:
+def check_jobs(options: JobOptions, *without: str) -> None:
     """Raise an error for options that have no effect or are out of range.
+
+    Args:
+        options: The options of a command.
+        without: Flags that the command cannot follow.
 
     Raises:
         UsageError: If there is one.
     """
+    for each in fields(options):
+        flag = f"--{each.name}"
+        if flag in without and getattr(options, each.name) != each.default:
+            raise UsageError(flag, "it with this command", "none, which has no such tasks")
     if not options.is_asked:
         for each in fields(options):
             if getattr(options, each.name) != each.default:

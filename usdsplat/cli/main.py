@@ -75,7 +75,7 @@ def main(argv: Sequence[str] | None = None, *, keeper: EngineKeeper | None = Non
     log.propagate = False
     arguments = list(sys.argv[1:] if argv is None else argv)
     try:
-        status = _run(arguments, keeper)
+        status = _run(arguments) if keeper is None else _run(arguments, keeper)
         _say_what_is_not_kept()
         if status != 128 + interrupt.received():
             interrupt.check()  # its exception may have been lost, see `core.interrupt`
@@ -95,7 +95,7 @@ def main(argv: Sequence[str] | None = None, *, keeper: EngineKeeper | None = Non
         return failures.explain(error, arguments)
 
 
-def _run(arguments: list[str], keeper: EngineKeeper | None) -> int:
+def _run(arguments: list[str], keeper: EngineKeeper | None = None) -> int:
     """Run the command without handling errors, see `main`."""
     if not arguments:
         console.tell(OVERVIEW)

@@ -1,11 +1,16 @@
 """Carry out commands that another process sends, one after the other.
 
-Each line of stdin is a JSON object {"words": ["render", ...]}, a command line without the name of
-the program. Each line of stdout answers one: {"status": 0, "out": "...", "err": "..."}, the exit
-status and what the command wrote. The stage of one command stays open for the next. The worker ends
-at the end of stdin; a command that it is at then is interrupted, and leaves no file.
+examples:
+  usdsplat worker < tasks.jsonl
+      run the command lines of a file, with one start of the program
 
-`usdsplat render --jobs` starts workers itself; this command is for other programs.
+notes:
+  `usdsplat render --jobs` starts workers itself; this command is for other programs.
+  Each line of stdin is a JSON object {"words": ["render", ...]}, a command line without the
+  name of the program. Each line of stdout answers one: {"status": 0, "out": "...", "err": "..."},
+  the exit status and what the command wrote.
+  The stage of one command stays open for the next. The worker ends at the end of stdin; commands
+  that have not ended then are interrupted, and leave no file.
 """
 
 from __future__ import annotations

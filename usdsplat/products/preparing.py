@@ -76,7 +76,7 @@ def check_frames(
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Prepared:
+class Preparation:
     """What is known before the first picture is drawn."""
 
     jobs: list[_Job]
@@ -99,7 +99,7 @@ def prepared(
     frames: Sequence[float],
     options: DrawOptions,
     findings: Findings,
-) -> Prepared:
+) -> Preparation:
     """Check everything before the first picture is drawn."""
     plans = [with_node_memory(plan, options.memory_limit) for plan in plans]
     whole = {options.tile.planned(plan) if options.tile else plan: plan for plan in plans}
@@ -117,7 +117,7 @@ def prepared(
             if wrong := lacking_depth(plan, holdout_of(plan, frame)):
                 findings.add(wrong)
         findings.check()
-    return Prepared(jobs, cameras, budgets, whole, stage_hash(engine) if options.tile else "")
+    return Preparation(jobs, cameras, budgets, whole, stage_hash(engine) if options.tile else "")
 
 
 def _budgets(
