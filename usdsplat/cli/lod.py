@@ -181,7 +181,7 @@ def _run_parts(options: Options, reporter: Reporter) -> None:
         options, json=True, job=JobOptions(), reporting=ReportingOptions(quiet=True), step=None
     )
     workers = environments(options.job, device="cpu", threads=None)
-    job = tree_job(("lod", *words_of(task)), name="usdsplat lod", parts=PARTS * len(workers))
+    job = tree_job(("lod", *words_of(task)), name="lod", parts=PARTS * len(workers))
     for _ in run_job(job, options.job, reporter, workers):
         pass
 

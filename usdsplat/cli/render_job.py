@@ -94,7 +94,7 @@ def _job(options: Options, task: Options, frames: Sequence[float], chunk: int) -
     return render_job(
         ("render", *words_of(task)),
         frames,
-        name=f"usdsplat render {options.stage.name}",
+        name=f"render {options.stage.name}",
         chunk=chunk,
         tiling=None if options.tiles is None else Tiling.parse(options.tiles),
     )

@@ -116,7 +116,7 @@ def template_of(job: Job, bundle: Bundle) -> dict[str, Any]:
     return {
         "specificationVersion": "jobtemplate-2023-09",
         **({"extensions": ["TASK_CHUNKING"]} if is_range else {}),
-        "name": _CONTROL.sub("?", job.name)[:_NAME],
+        "name": _CONTROL.sub("?", f"usdsplat {job.name}")[:_NAME],
         _DEFINITIONS: definitions,
         "steps": [_step(each, bundle, is_range=is_range) for each in job.steps],
     }
