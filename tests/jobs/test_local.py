@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from usdsplat.jobs.job import Job, Parameter, Slot, Step
-from usdsplat.jobs.local import LocalWorkers, run_locally
+from usdsplat.jobs.local import LocalWorkers
 
 
 def job_of(*commands):
@@ -22,15 +22,15 @@ def job_of(*commands):
     return Job(name="job", steps=tuple(steps))
 
 
-def workers(count, retries=0):
-    return LocalWorkers(environments=[{"USDSPLAT_THREADS": "1"}] * count, retries=retries)
+def ran(job, count, retries=0, say=lambda text: None):
+    """Yield the outcomes of a job."""
+    with LocalWorkers([{"USDSPLAT_THREADS": "1"}] * count) as workers:
+        yield from workers.run(job, retries=retries, say=say)
 
 
 def test_each_task_is_run_once_and_gives_what_it_printed():
     """Oracle: `usdsplat --version`, and the error of an unknown command."""
-    found = {
-        each.task.step: each for each in run_locally(job_of(["--version"], ["no"]), workers(2))
-    }
+    found = {each.task.step: each for each in ran(job_of(["--version"], ["no"]), 2)}
     assert found["s0"].is_done and found["s0"].result.out.startswith("usdsplat ")
     assert not found["s1"].is_done and found["s1"].result.status == 2
     assert found["s1"].result.reason.startswith("command: found 'no', expected one of ")
@@ -45,7 +45,7 @@ def test_a_task_that_fails_is_tried_again_and_those_after_it_are_not_begun():
         Step(name="c", command=("--version",)),
     )
     job = Job(name="job", steps=steps)
-    found = {each.task.step: each for each in run_locally(job, workers(1, 2), say=said.append)}
+    found = {each.task.step: each for each in ran(job, 1, 2, said.append)}
     assert len(said) == 2 and all(text.endswith("; it is tried again") for text in said)
     assert found["a"].result.status == 2 and found["b"].result is None and found["c"].is_done
 
@@ -69,7 +69,7 @@ def test_a_worker_that_is_killed_is_replaced():
         steps=(Step(name="a", command=("--version", Slot("--n", "n")), space=(numbers,)),),
     )
     done, killed = Counter(), 0
-    for outcome in run_locally(job, workers(1, 3)):
+    for outcome in ran(job, 1, 3):
         done[outcome.task] += outcome.is_done
         if not killed:
             for pid in children(os.getpid()):
@@ -83,10 +83,9 @@ def test_a_worker_that_is_killed_is_replaced():
 def test_workers_end_with_the_process_that_started_them():
     """Oracle: no process is left soon after the client of a long job was killed."""
     code = (
-        "import sys; from tests.jobs.test_local import job_of, workers;"
-        "from usdsplat.jobs.local import run_locally;"
+        "from tests.jobs.test_local import job_of, ran;"
         "job = job_of(['--version'], ['worker'], ['worker']);"  # two that wait for ever
-        "[print('begun', flush=True) for _ in run_locally(job, workers(2))]"
+        "[print('begun', flush=True) for _ in ran(job, 2)]"
     )
     client = subprocess.Popen(
         [sys.executable, "-c", code], stdout=subprocess.PIPE, cwd=Path(__file__).parents[2]

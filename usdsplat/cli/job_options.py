@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Self
 
 from usdsplat.cli import console
 from usdsplat.cli.arguments import option
@@ -17,6 +18,7 @@ from usdsplat.core.wording import counted
 
 if TYPE_CHECKING:
     from usdsplat.jobs.job import Job
+    from usdsplat.jobs.local import LocalWorkers
     from usdsplat.jobs.outcome import Outcome
 
 AUTO = "auto"
@@ -73,7 +75,7 @@ def environments(options: JobOptions, *, device: str, threads: int | None) -> li
 
     Args:
         options: The options of the command.
-        device: Name of the device.
+        device: Name of the device; "auto" for a GPU if there is one.
         threads: Threads of each process; None shares the cores evenly.
 
     Raises:
@@ -83,7 +85,7 @@ def environments(options: JobOptions, *, device: str, threads: int | None) -> li
     from usdsplat.kernels.device import usual_threads
 
     cores = usual_threads()
-    gpus = _visible_gpus(gpu_count()) if device == "cuda" else []
+    gpus = [] if device == "cpu" else _visible_gpus(gpu_count())
     text = options.jobs or AUTO
     if text == AUTO:
         count = len(gpus) or cores
@@ -104,54 +106,69 @@ def _visible_gpus(count: int) -> list[str]:
     return named.split(",")[:count] if named else [str(i) for i in range(count)]
 
 
-def run_job(
-    job: Job, options: JobOptions, reporter: Reporter, workers: list[dict[str, str]]
-) -> Iterator[dict[str, Any]]:
-    """Run a job, print the findings of its tasks, and yield the JSON objects that they print.
+class JobRunner:
+    """What runs the tasks of a command: processes that start with the context, or Dask.
 
     Args:
-        job: The job.
-        options: How it is run.
+        options: How tasks are run.
         reporter: Receives progress and findings.
         workers: See `environments`.
-
-    Raises:
-        JobError: After all others have ended, if a task failed.
     """
-    from usdsplat.core.findings import Finding
 
-    outcomes = _started(job, options, reporter, workers)
-    total = len(job.tasks())
-    failed: list[Outcome] = []
-    with reporter.progress() as progress:
+    def __init__(
+        self, options: JobOptions, reporter: Reporter, workers: Sequence[Mapping[str, str]]
+    ) -> None:
+        self._options, self._reporter, self.workers = options, reporter, workers
+        self._stack = ExitStack()
+        self._local: LocalWorkers | None = None
+
+    def __enter__(self) -> Self:
+        if self._options.dask is None and self._options.openjd is None:
+            from usdsplat.jobs.local import LocalWorkers
+
+            self._local = self._stack.enter_context(LocalWorkers(self.workers))
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stack.close()
+
+    def run(self, job: Job) -> Iterator[dict[str, Any]]:
+        """Run a job, print the findings of its tasks, and yield the JSON objects that they print.
+
+        Raises:
+            JobError: After all others have ended, if a task failed.
+        """
+        from usdsplat.core.findings import Finding
+
+        total = len(job.tasks())
+        failed: list[Outcome] = []
         label = f"{job.name}, task"
-        progress.step(label, 0, total)
-        for done, outcome in enumerate(outcomes, 1):
-            progress.step(label, done, total)
-            if not outcome.is_done or outcome.result is None:
-                failed.append(outcome)
-                if outcome.result is not None:
-                    where = f"{outcome.task.name} on {outcome.result.host}"
-                    console.complain(f"{where}: {outcome.result.reason}")
-                continue
-            printed = json.loads(outcome.result.out)
-            reporter.findings.extend(Finding(**each) for each in printed.pop("findings"))
-            yield printed
-    if failed:
-        found = f"{len(failed)} of {counted(total, 'task')} that failed"
-        raise JobError(job.name, found, "none; the others are done, --resume goes on")
+        with self._reporter.progress() as progress:
+            progress.step(label, 0, total)
+            for done, outcome in enumerate(self._outcomes(job), 1):
+                progress.step(label, done, total)
+                if not outcome.is_done or outcome.result is None:
+                    failed.append(outcome)
+                    if outcome.result is not None:
+                        where = f"{outcome.task.name} on {outcome.result.host}"
+                        console.complain(f"{where}: {outcome.result.reason}")
+                    continue
+                printed = json.loads(outcome.result.out)
+                found = (Finding(**each) for each in printed.pop("findings"))
+                self._reporter.findings.extend(found)
+                yield printed
+        if failed:
+            count = f"{len(failed)} of {counted(total, 'task')} that failed"
+            raise JobError(job.name, count, "none; the others are done, --resume goes on")
 
+    def _outcomes(self, job: Job) -> Iterator[Outcome]:
+        retries = self._options.retries
+        if self._local is not None:
+            return self._local.run(job, retries=retries, say=self._reporter.remark)
+        from usdsplat.cli.worker import run_on_dask_worker
+        from usdsplat.jobs.dask_cluster import DaskCluster, run_on_dask
 
-def _started(
-    job: Job, options: JobOptions, reporter: Reporter, workers: list[dict[str, str]]
-) -> Iterator[Outcome]:
-    if options.dask is None:
-        from usdsplat.jobs.local import LocalWorkers, run_locally
-
-        local = LocalWorkers(environments=workers, retries=options.retries)
-        return run_locally(job, local, say=reporter.remark)
-    from usdsplat.cli.worker import run_on_dask_worker
-    from usdsplat.jobs.dask_cluster import DaskCluster, run_on_dask
-
-    cluster = DaskCluster(address=options.dask, environments=workers, retries=options.retries)
-    return run_on_dask(job, cluster, run_on_dask_worker)
+        cluster = DaskCluster(
+            address=self._options.dask or "", environments=self.workers, retries=retries
+        )
+        return run_on_dask(job, cluster, run_on_dask_worker)

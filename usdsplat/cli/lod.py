@@ -31,7 +31,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from usdsplat.cli import console
 from usdsplat.cli.arguments import option, positional
-from usdsplat.cli.job_options import JobOptions, check_jobs, environments, run_job
+from usdsplat.cli.job_options import JobOptions, JobRunner, check_jobs, environments
 from usdsplat.cli.reporting import Reporter, ReportingOptions
 from usdsplat.cli.values import bytes_of, time_code
 from usdsplat.cli.words import words_of
@@ -182,8 +182,9 @@ def _run_parts(options: Options, reporter: Reporter) -> None:
     )
     workers = environments(options.job, device="cpu", threads=None)
     job = tree_job(("lod", *words_of(task)), name="lod", parts=PARTS * len(workers))
-    for _ in run_job(job, options.job, reporter, workers):
-        pass
+    with JobRunner(options.job, reporter, workers) as runner:
+        for _ in runner.run(job):
+            pass
 
 
 def _check_inputs(options: Options) -> None:

@@ -43,7 +43,7 @@ from typing import TYPE_CHECKING
 from usdsplat import images
 from usdsplat.cli import console
 from usdsplat.cli.arguments import given
-from usdsplat.cli.job_options import check_jobs
+from usdsplat.cli.job_options import JobRunner, check_jobs, environments
 from usdsplat.cli.render_job import as_task, ends_of, run_as_job, say_end
 from usdsplat.cli.render_options import Options
 from usdsplat.cli.reporting import Reporter
@@ -53,52 +53,71 @@ from usdsplat.core.progress import Progress
 from usdsplat.images.frame_numbers import parse_frames
 
 if TYPE_CHECKING:
+    from usdsplat.delegate.engine import Engine
     from usdsplat.products.keeper import OpenStage
     from usdsplat.products.preparing import DrawOptions
     from usdsplat.products.request import PicturePlan, RenderRequest
 
 
 def run(options: Options, reporter: Reporter) -> int:
-    """Render the pictures, and print each file when it is finished."""
-    from usdsplat.kernels.compiling import compile_time, on_compile
+    """Render the pictures, or run the tasks that do, and print each file when it is finished."""
     from usdsplat.products.drawing import draw_frames
-    from usdsplat.products.preparing import check_frames, files_of, work_of
+    from usdsplat.products.preparing import files_of
 
     check_jobs(options.job)
     drawing = _draw_options(options)
     if options.threads is not None:
         images.limit_threads(options.threads)
+    if options.job.is_asked:
+        workers = environments(options.job, device=options.device, threads=options.threads)
+        with JobRunner(options.job, reporter, workers) as runner:
+            return _run_tasks(options, drawing, runner, reporter)
+    with _planning(options, reporter) as (progress, engine, plans, frames):
+        report = []
+        for drawn in draw_frames(
+            engine,
+            plans,
+            frames,
+            source=options.stage_name or str(options.stage),
+            options=drawing,
+            progress=progress,
+            findings=reporter.findings,
+        ):
+            report.append({**asdict(drawn), "path": str(drawn.path)})
+            if not options.json:
+                console.say_path(drawn.path)
+    say_end(options, report, files_of(plans, frames), reporter)
+    return 0
+
+
+def _run_tasks(
+    options: Options, drawing: DrawOptions, runner: JobRunner, reporter: Reporter
+) -> int:
+    """Plan the pictures, and let tasks draw them."""
+    from usdsplat.products.preparing import check_frames, work_of
+
+    with _planning(options, reporter) as (_, engine, plans, frames):
+        engine.expect(work_of(plans, frames))
+        check_frames(engine, plans, frames, options=drawing, findings=reporter.findings)
+        fits = any(plan.camera is None for plan in plans)
+        task = as_task(options, engine.device, ends_of(frames) if fits else "")
+    return run_as_job(options, task, plans, frames, runner, reporter)
+
+
+@contextmanager
+def _planning(
+    options: Options, reporter: Reporter
+) -> Iterator[tuple[Progress, Engine, tuple[PicturePlan, ...], tuple[float, ...]]]:
+    """Yield what is to be drawn: a receiver of progress, the engine, the pictures, the frames."""
+    from usdsplat.kernels.compiling import compile_time, on_compile
+
     with (
         compile_time() as compiled,
         reporter.progress(compiled) as progress,
         on_compile(reporter.announce_compilation()),
         _opened(options, reporter, progress) as found,
     ):
-        engine = found.engine
-        plans, frames = _planned(options, found, reporter)
-        if options.job.is_asked:
-            engine.expect(work_of(plans, frames))
-            check_frames(engine, plans, frames, options=drawing, findings=reporter.findings)
-            fits = any(plan.camera is None for plan in plans)
-            tasks = as_task(options, engine.device, ends_of(frames) if fits else "")
-        else:
-            report = []
-            for drawn in draw_frames(
-                engine,
-                plans,
-                frames,
-                source=options.stage_name or str(options.stage),
-                options=drawing,
-                progress=progress,
-                findings=reporter.findings,
-            ):
-                report.append({**asdict(drawn), "path": str(drawn.path)})
-                if not options.json:
-                    console.say_path(drawn.path)
-    if options.job.is_asked:
-        return run_as_job(options, tasks, plans, frames, reporter)
-    say_end(options, report, files_of(plans, frames), reporter)
-    return 0
+        yield progress, found.engine, *_planned(options, found, reporter)
 
 
 def _draw_options(options: Options) -> DrawOptions:

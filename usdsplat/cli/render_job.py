@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from usdsplat.cli import console
-from usdsplat.cli.job_options import JobOptions, environments, run_job
+from usdsplat.cli.job_options import JobOptions, JobRunner
 from usdsplat.cli.render_options import Options
 from usdsplat.cli.reporting import Reporter, ReportingOptions
 from usdsplat.cli.values import bytes_of
@@ -62,18 +62,18 @@ def run_as_job(
     task: Options,
     plans: Sequence[PicturePlan],
     frames: Sequence[float],
+    runner: JobRunner,
     reporter: Reporter,
 ) -> int:
     """Run the pictures as tasks, and print each file when it is finished."""
     from usdsplat.products.preparing import files_of
 
-    workers = environments(options.job, device=task.device, threads=options.threads)
-    chunk = options.job.chunk or max(1, len(frames) // (len(workers) * TURNS))
+    chunk = options.job.chunk or max(1, len(frames) // (len(runner.workers) * TURNS))
     if options.job.openjd is not None:
         return _write_bundle(options, task, frames, reporter)
     files = files_of(plans, frames)
     report = []
-    for printed in run_job(_job(options, task, frames, chunk), options.job, reporter, workers):
+    for printed in runner.run(_job(options, task, frames, chunk)):
         for picture in printed["pictures"]:
             if not picture["path"].endswith(TILE_SUFFIX):
                 report.append(picture)

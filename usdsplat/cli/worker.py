@@ -52,6 +52,8 @@ class Options:
 
 def run(options: Options, reporter: Reporter) -> int:
     """Carry out the commands of stdin."""
+    # loaded before the first task comes: whoever sends it may still plan
+    from usdsplat.products import drawing, planning  # noqa: F401
     from usdsplat.products.keeper import EngineKeeper
 
     lines: queue.Queue[str | None] = queue.Queue()

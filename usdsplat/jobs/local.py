@@ -17,7 +17,7 @@ import sys
 import threading
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from typing import Self
 
 from usdsplat.core import interrupt
 from usdsplat.jobs.job import Job, Task
@@ -33,45 +33,55 @@ _LINES = 20
 """Lines of a worker that died which are kept."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
 class LocalWorkers:
-    """Processes of this machine."""
+    """Processes of this machine, a context manager. They start at once, so that they load the
+    program while the caller plans the job, and end with the context.
 
-    environments: Sequence[Mapping[str, str]]
-    """Variables of each worker, in addition to those of this process."""
-    retries: int = 1
-    """How often a task is tried again."""
-
-
-def run_locally(
-    job: Job, workers: LocalWorkers, *, say: Say = lambda text: None
-) -> Iterator[Outcome]:
-    """Run a job, and yield each task when it has ended. Closing the iterator ends the workers.
-
-    Raises:
-        Interrupted: If the process was asked to end.
+    Args:
+        environments: Variables of each process, in addition to those of this one.
     """
-    plan = _Plan(job, workers.retries, say)
-    count = min(len(workers.environments), max(1, len(plan.waiting)))
-    pool = [_Worker(plan, each) for each in workers.environments[:count]]
-    try:
-        for each in pool:
-            each.start()
-        left = len(plan.needs)
-        while left:
-            interrupt.check()
-            try:
-                outcome = plan.ended.get(timeout=BEAT)
-            except queue.Empty:
-                continue
-            left -= 1
-            yield outcome
-    finally:
-        plan.close()
-        for each in pool:
+
+    def __init__(self, environments: Sequence[Mapping[str, str]]) -> None:
+        self._processes = [_WorkerProcess(each) for each in environments]
+
+    def __enter__(self) -> Self:
+        for each in self._processes:
+            with suppress(OSError):  # the first task says why
+                each.opened()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for each in self._processes:
             each.end()
-        for each in pool:
-            each.join()
+        for each in self._processes:
+            each.wait()
+
+    def run(self, job: Job, *, retries: int = 1, say: Say = lambda text: None) -> Iterator[Outcome]:
+        """Run a job, and yield each task when it has ended.
+
+        Args:
+            job: The job.
+            retries: How often a task that fails is tried again.
+            say: Receives a message on each task that is tried again.
+
+        Raises:
+            Interrupted: If the process was asked to end.
+        """
+        plan = _Plan(job, retries, say)
+        left = len(plan.needs)
+        try:
+            for each in self._processes:
+                threading.Thread(target=each.serve, args=(plan,), daemon=True).start()
+            while left:
+                interrupt.check()
+                try:
+                    outcome = plan.ended.get(timeout=BEAT)
+                except queue.Empty:
+                    continue
+                left -= 1
+                yield outcome
+        finally:
+            plan.close()
 
 
 class _Plan:
@@ -137,21 +147,18 @@ class _Plan:
                 self.ended.put(Outcome(task=task, result=None))
 
 
-@dataclass(slots=True, eq=False)
-class _Worker:
-    """A thread that gives tasks to a process, and replaces the process if it dies."""
+class _WorkerProcess:
+    """A process `usdsplat worker`, which is replaced if it dies.
 
-    plan: _Plan
-    environment: Mapping[str, str]
-    _process: subprocess.Popen[str] | None = None
-    _thread: threading.Thread | None = None
-    _lock: threading.Lock = field(default_factory=threading.Lock)
-    _is_over: bool = False
+    Args:
+        environment: Its variables, in addition to those of this process.
+    """
 
-    def start(self) -> None:
-        """Begin to work."""
-        self._thread = threading.Thread(target=self._run, name="usdsplat worker", daemon=True)
-        self._thread.start()
+    def __init__(self, environment: Mapping[str, str]) -> None:
+        self._environment = environment
+        self._process: subprocess.Popen[str] | None = None
+        self._lock = threading.Lock()
+        self._is_over = False
 
     def end(self) -> None:
         """Ask the process to end; a task that it is at leaves no file."""
@@ -161,7 +168,7 @@ class _Worker:
                 with suppress(OSError):
                     self._process.send_signal(signal.SIGTERM)
 
-    def join(self) -> None:
+    def wait(self) -> None:
         """Wait for the end of the process, and kill it if it takes long."""
         process = self._process
         if process is not None:
@@ -170,24 +177,19 @@ class _Worker:
             except subprocess.TimeoutExpired:
                 process.kill()
                 process.wait()
-        if self._thread is not None:
-            self._thread.join()
 
-    def _run(self) -> None:
-        while (task := self.plan.take()) is not None:
+    def serve(self, plan: _Plan) -> None:
+        """Give tasks to the process until there are no more."""
+        while (task := plan.take()) is not None:
             try:
                 result = self._done_by_process(task)
             except OSError as error:  # no process can be started
                 reason = (error.strerror or str(error)).lower()
                 result = TaskResult(status=2, err=f"worker: {reason}", host=platform.node())
-            self.plan.give(task, result)
-        with self._lock:
-            if self._process is not None and self._process.stdin is not None:
-                with suppress(OSError):
-                    self._process.stdin.close()  # the worker ends
+            plan.give(task, result)
 
     def _done_by_process(self, task: Task) -> TaskResult:
-        process = self._opened()
+        process = self.opened()
         if process is None:
             return TaskResult(status=130, err="interrupted")
         assert process.stdin is not None and process.stdout is not None
@@ -208,7 +210,7 @@ class _Worker:
             others.append(f"worker: ended with status {status}")
         return TaskResult(status=status or 2, err="".join(others), host=platform.node())
 
-    def _opened(self) -> subprocess.Popen[str] | None:
+    def opened(self) -> subprocess.Popen[str] | None:
         """Return the process, started if there is none; None after `end`."""
         with self._lock:
             if self._is_over:
@@ -219,7 +221,7 @@ class _Worker:
                     stdin=subprocess.PIPE,
                     stdout=subprocess.PIPE,
                     stderr=subprocess.STDOUT,
-                    env={**os.environ, **self.environment},
+                    env={**os.environ, **self._environment},
                     encoding="utf-8",
                     errors="surrogateescape",
                     start_new_session=True,  # Ctrl-C reaches this process only, which ends them
