@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import functools
 import inspect
 import itertools
 import textwrap
@@ -163,6 +164,7 @@ def arguments_of(options: type, owner: str = "") -> Iterator[Argument]:
         )
 
 
+@functools.cache  # a worker parses many command lines
 def _texts(options: type) -> dict[str, str]:
     """Return the string below each field of a dataclass and of its bases."""
     found: dict[str, str] = {}
