@@ -309,11 +309,23 @@ def _poisson_disk(device: Device, points: F32, priority: F32, distance: float) -
     """Return the rows of points to keep, ascending, none closer than `distance` to another."""
     n = len(points)
     kept = np.zeros(n, np.bool_)
-    table = np.full(1 << math.ceil(math.log2(2 * n + 2)), -1, np.int32)
+    table = np.full(max(64, 1 << math.ceil(math.log2(n + 1))), -1, np.int32)
     following: I32 = device.empty(n, np.int32)
-    order = np.argsort(priority, kind="stable")
-    device.run(kernels.throw, points, order, distance, table, following, kept)
+    order = _ascending(priority)
+    device.run(kernels.throw, points, priority, order, distance, table, following, kept)
     return np.flatnonzero(kept)
+
+
+def _ascending(priority: F32) -> I64:
+    """Return the rows by ascending priority, none of them negative, then ascending.
+
+    Numbers whose upper half is the priority and whose lower half the row are sorted in half the
+    time of a stable sort.
+    """
+    keys = priority.view(np.uint32).astype(np.uint64) << np.uint64(32)
+    keys |= np.arange(len(priority), dtype=np.uint64)
+    keys.sort()
+    return (keys & np.uint64(0xFFFFFFFF)).view(np.int64)
 
 
 def _relax(
