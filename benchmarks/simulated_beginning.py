@@ -11,6 +11,7 @@ the rates of the machine. Each has a separate process.
 from __future__ import annotations
 
 import io
+import itertools
 import json
 import subprocess
 import sys
@@ -92,7 +93,7 @@ def measure(count: int, preset: str, rates: str) -> dict[str, Any]:
             "cpu": time.process_time() - cpu,
             "compiling": spent,
             "phases": report.phases,
-            "silence": max(b - a for a, b in zip(at, at[1:], strict=False)),
+            "silence": max(b - a for a, b in itertools.pairwise(at)),
             "lines": [text for _, text in said.lines],
         }
 
@@ -101,7 +102,7 @@ def child(*arguments: object) -> dict[str, Any]:
     """Measure in a separate process."""
     command = [sys.executable, "-m", "benchmarks.simulated_beginning", "--one"]
     command += map(str, arguments)
-    text = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    text = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True).stdout
     found: dict[str, Any] = json.loads(text.splitlines()[-1])
     return found
 
