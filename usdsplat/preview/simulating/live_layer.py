@@ -211,7 +211,7 @@ class LiveLayer:
     def _drawn(self, path: str, cloud: SplatCloud) -> SplatCloud:
         """Return a frame as it would be read from the layer."""
         said, halves = self._plans[path], tokens.HALF_OF.values()
-        found = {
+        found: dict[str, Any] = {
             array: as_float32(stored(name, getattr(cloud, array)).astype(np.float16))
             for array, name in said.names.items()
             if name in halves
