@@ -12,7 +12,7 @@ from usdsplat.formats import read
 from usdsplat.kernels.device import CpuDevice
 from usdsplat.kernels.devices import open_device
 from usdsplat.kernels.points.nearest import nearest
-from usdsplat.sim.carriers import NEAREST, Carriers, _poisson_disk
+from usdsplat.sim.carriers import NEAREST, Carriers, poisson_disk
 from usdsplat.sim.parameters import RdParameters
 from usdsplat.sim.reaction import Reaction
 from usdsplat.sim.seeds import nuclei, plant, untouched
@@ -181,5 +181,5 @@ def test_a_sample_keeps_what_is_far_enough_in_the_order_of_priorities(device) ->
         away = np.linalg.norm(points[kept].astype(np.float64) - points[row], axis=1)
         if not (away < 0.15).any():
             kept.append(int(row))
-    assert np.array_equal(_poisson_disk(device, points, priority, 0.15), np.sort(kept))
+    assert np.array_equal(poisson_disk(device, points, priority, 0.15), np.sort(kept))
     assert len(kept) > 500

@@ -154,7 +154,7 @@ class Carriers:
         sample, closest = _sample(device, ellipses, distance, seed, most)
         even = _relax(device, sample, closest, seed, target, SWEEPS[0])
         priority = np.arange(len(even), dtype=np.float32)
-        even = even[_poisson_disk(device, even, priority, CLOSEST * closest)]
+        even = even[poisson_disk(device, even, priority, CLOSEST * closest)]
         even = _relax(device, even, closest, seed, target, SWEEPS[1])
         neighbors = Neighbors(device, NeighborsParameters(target=target, skin=0.0), seed=seed)
         graph = neighbors.update(even, fitted(neighbors, even, 2))
@@ -299,13 +299,13 @@ def _sample(
         distance /= PER_DISTANCE
     while True:
         points, priority = ellipses.points(device, distance, seed)
-        kept = _poisson_disk(device, points, priority, distance)
+        kept = poisson_disk(device, points, priority, distance)
         if len(kept) <= most:
             return points[kept], distance
         distance *= 1.01 * math.sqrt(len(kept) / most)
 
 
-def _poisson_disk(device: Device, points: F32, priority: F32, distance: float) -> I64:
+def poisson_disk(device: Device, points: F32, priority: F32, distance: float) -> I64:
     """Return the rows of points to keep, ascending, none closer than `distance` to another."""
     n = len(points)
     kept = np.zeros(n, np.bool_)
