@@ -53,6 +53,10 @@ CASES = {
         3, [sphere(), sets({**RUBBER, "matter:material": "stone"})], "no-carriers",
         "without matter",
     ),
+    "growth on splats": (
+        40, [sets({**GROW, **RUBBER, "rd:domain": "self"})], "unused",
+        "found new matter and rd:domain self, expected rd:domain carrier",
+    ),
     "weak matter": (
         40,
         [sphere(), sets({"matter:enabled": True, "matter:tear": 1.1, "matter:stretch": 2.0})],

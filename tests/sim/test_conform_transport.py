@@ -144,7 +144,7 @@ def test_splats_move_to_the_closest_points_of_a_target_without_area(device):
         for _ in range(2):
             solver.advance()
         codes = [each.code for each in solver.findings]
-        assert codes == (["flat-target"] if mode == "transport" else [])
+        assert ("flat-target" in codes) == (mode == "transport")
         found.append(solver.frame().cloud.positions)
     np.testing.assert_array_equal(*found)
 

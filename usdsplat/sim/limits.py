@@ -48,6 +48,10 @@ def limit_findings(
             if first.becomes is not None:
                 expected = "a capture of surfaces; its splats do not become another one"
             yield finding("no-carriers", "splatSim:conform:mode", found, expected)
+    if uses.accretes and p.rd.domain != "carrier":
+        found, expected = f"new matter and rd:domain {p.rd.domain}", "rd:domain carrier"
+        cure = f"make it {expected}; nothing grows"
+        yield finding("unused", "splatSim:accretion:enabled", found, expected, cure=cure)
     if first.target is not None and uses.transports and not has_area(first.target):
         expected = "triangles with an area; splats move to the closest points"
         yield finding("flat-target", "splatSim:conform:target", "a mesh without area", expected)

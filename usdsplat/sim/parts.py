@@ -62,7 +62,8 @@ class Parts:
         surface = carriers if carriers is not None and len(carriers) else None
         masks = Masks(device, is_fixed=is_fixed)
         accretion = matter = None
-        if uses.accretes and surface is not None:
+        has_pattern = first.parameters.rd.domain == "carrier"
+        if uses.accretes and surface is not None and has_pattern:
             origin = nearest(device, rest.positions, surface.positions, 1)[0][:, 0]
             own = np.arange(len(rest)) if rest.ids is None else rest.ids
             asked = recipe.selection
