@@ -160,7 +160,7 @@ class Carriers:
         sample, closest = _sample(device, ellipses, distance, seed, most)
         even = _relax(device, sample, closest, seed, target, SWEEPS[0])
         priority = np.arange(len(even), dtype=np.float32)
-        even = even[_poisson_disk(device, even, priority, CLOSEST * closest)]
+        even = even[poisson_disk(device, even, priority, CLOSEST * closest)]
         even = _relax(device, even, closest, seed, target, SWEEPS[1])
         neighbors = Neighbors(device, NeighborsParameters(target=target, skin=0.0), seed=seed)
         graph = neighbors.update(even, fitted(neighbors, even, 2))
@@ -310,21 +310,33 @@ def _sample(
         distance /= PER_DISTANCE
     while True:
         points, priority = ellipses.points(device, distance, seed)
-        kept = _poisson_disk(device, points, priority, distance)
+        kept = poisson_disk(device, points, priority, distance)
         if len(kept) <= most:
             return points[kept], distance
         distance *= 1.01 * math.sqrt(len(kept) / most)
 
 
-def _poisson_disk(device: Device, points: F32, priority: F32, distance: float) -> I64:
+def poisson_disk(device: Device, points: F32, priority: F32, distance: float) -> I64:
     """Return the rows of points to keep, ascending, none closer than `distance` to another."""
     n = len(points)
     kept = np.zeros(n, np.bool_)
-    table = np.full(1 << math.ceil(math.log2(2 * n + 2)), -1, np.int32)
+    table = np.full(max(64, 1 << math.ceil(math.log2(n + 1))), -1, np.int32)
     following: I32 = device.empty(n, np.int32)
-    order = np.argsort(priority, kind="stable")
-    device.run(kernels.throw, points, order, distance, table, following, kept)
+    order = _ascending(priority)
+    device.run(kernels.throw, points, priority, order, distance, table, following, kept)
     return np.flatnonzero(kept)
+
+
+def _ascending(priority: F32) -> I64:
+    """Return the rows by ascending priority, none of them negative, then ascending.
+
+    Numbers whose upper half is the priority and whose lower half the row are sorted in half the
+    time of a stable sort.
+    """
+    keys = priority.view(np.uint32).astype(np.uint64) << np.uint64(32)
+    keys |= np.arange(len(priority), dtype=np.uint64)
+    keys.sort()
+    return (keys & np.uint64(0xFFFFFFFF)).view(np.int64)
 
 
 def _relax(

@@ -130,7 +130,7 @@ class Solver:
     @property
     def findings(self) -> tuple[Finding, ...]:
         """Findings about the parameters; the path of each is that of the property."""
-        return self._pattern.findings
+        return (*self._pattern.findings, *self._parts.findings)
 
     def advance(self) -> None:
         """Advance to the next frame."""
