@@ -23,7 +23,7 @@ from PySide6.QtGui import QImage, QPixmap
 from PySide6.QtWidgets import QApplication, QDockWidget
 
 from benchmarks.scenes import DATA
-from benchmarks.simulations import part, run, save
+from benchmarks.simulations import run, save
 from tests.preview.usdview import usdviewq
 from tests.preview.web.conftest import ARGUMENTS, NAMES
 from usdsplat.preview.opening import open_document
@@ -38,8 +38,8 @@ from usdsplat.sim.stage.authoring import author
 CAPTURE = DATA / "splats" / "statue_angel.sog"
 SETTINGS = {"rd:substeps": 80, "rd:frontSpeed": 200.0}
 SIZE = (1440, 900)
-BALL = "/statue_angel/Simulation/Ball"
-"""Path of an affector, which is selected."""
+SIM = "/statue_angel/Simulation/Sim"
+"""Path of the simulation, which is selected."""
 FRAME = 24
 """Simulated frame to wait for."""
 ORBIT, NEARER = (0.12, 0.02), 0.9
@@ -51,7 +51,7 @@ def scene(folder: Path) -> Path:
     path = folder / "grow.usda"
     run(f"simulate --preset grow {CAPTURE} -o {path}")
     stage = Usd.Stage.Open(str(path))
-    author(stage.GetPrimAtPath(part(stage, "Sim")), SETTINGS)
+    author(stage.GetPrimAtPath(SIM), SETTINGS)
     stage.Save()
     return path
 
@@ -78,7 +78,7 @@ def grown(viewport: Viewport, simulation: SimulationPanel) -> None:
     viewer.orbit(*ORBIT)
     viewer.dolly(NEARER)
     viewer.end_move()
-    viewer.select((BALL,))
+    viewer.select((SIM,))
     wait(lambda: not viewer.is_ticking)
     wait(lambda: viewport.picture.is_final and viewport.picture.state == viewer.state)
 

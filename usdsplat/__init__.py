@@ -13,7 +13,7 @@ __version__ = "0.6.0"
 
 _MODULES = {
     "DeepImage": "images.deep_reader",
-    "DrawOptions": "products.drawing",
+    "DrawOptions": "products.preparing",
     "Engine": "delegate.engine",
     "ExportOptions": "interchange",
     "ImportOptions": "interchange",

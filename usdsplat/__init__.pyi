@@ -26,9 +26,9 @@ from usdsplat.preview.values import Opened as Opened
 from usdsplat.preview.values import Picture as Picture
 from usdsplat.preview.values import SimulationStatus as SimulationStatus
 from usdsplat.preview.values import ViewState as ViewState
-from usdsplat.products.drawing import DrawOptions as DrawOptions
 from usdsplat.products.drawing import draw_frames as draw_frames
 from usdsplat.products.planning import plan_pictures as plan_pictures
+from usdsplat.products.preparing import DrawOptions as DrawOptions
 from usdsplat.products.request import RenderRequest as RenderRequest
 from usdsplat.render.settings import RenderSettings as RenderSettings
 from usdsplat.sim.stage.authoring import author as _author

@@ -4,4 +4,5 @@ from __future__ import annotations
 
 from usdsplat.cli.supervise import entry
 
-raise SystemExit(entry())
+if __name__ == "__main__":  # workers of Dask import this module
+    raise SystemExit(entry())

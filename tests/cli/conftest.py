@@ -63,6 +63,23 @@ def passing_sphere(stage, path):
 
 
 @pytest.fixture
+def sim(tmp_path):
+    """A stage of 3 frames: 60 splats, a SplatSim prim, and a ball that comes to them."""
+    path = tmp_path / "sim.usda"
+    stage = Usd.Stage.CreateNew(str(path))
+    UsdGeom.SetStageUpAxis(stage, "Y")
+    UsdGeom.SetStageMetersPerUnit(stage, 1.0)
+    stage.SetStartTimeCode(1)
+    stage.SetEndTimeCode(3)
+    stage.SetDefaultPrim(UsdGeom.Xform.Define(stage, "/World").GetPrim())
+    schema.author(stage, "/World/Field", ball(60))
+    author(stage.DefinePrim("/World/Sim", "SplatSim"), {"bake:checkpointEvery": 2})
+    passing_sphere(stage, "/World/Sphere")
+    stage.GetRootLayer().Save()
+    return path
+
+
+@pytest.fixture
 def capture(tmp_path):
     """A .ply of 300 splats."""
     path = tmp_path / "ball.ply"

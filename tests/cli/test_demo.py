@@ -69,26 +69,14 @@ def test_the_demo_runs_from_end_to_end(run, tmp_path):
     assert (len(layers), list(assets), list(missing)) == (2, [], [])
 
 
-def test_the_demo_bakes_a_growth_that_a_ball_passes(run, capture, tmp_path):
-    """Oracle: the bake: splats that change colour and place, and the ball in front of the camera;
-    nothing that validation finds."""
+def test_the_demo_bakes_a_growth(run, capture, tmp_path):
+    """Oracle: the bake: the capture first, then more splats; nothing that validation finds."""
     folder = tmp_path / "demo"
     assert run("demo", capture, "-o", folder, "--frames", 4)[0] == 0
     stage = Usd.Stage.Open(str(folder / "growth_bake.usda"))
     field = stage.GetPrimAtPath("/World/Subject/splats")
     first, last = (schema.fetch(field, frame) for frame in (1, 4))
-    same = min(len(first), len(last))
-    assert not np.allclose(first.sh[:same, 0], last.sh[:same, 0])
-    assert not np.allclose(first.positions[:same], last.positions[:same])
-    ball = stage.GetPrimAtPath("/World/Simulation/Ball")
-    eyes = [camera_at(stage, frame) for frame in (1, 4)]
-    assert np.allclose(eyes[0].position, eyes[1].position)
-    ends = [
-        UsdGeom.Xformable(ball).ComputeLocalToWorldTransform(frame).ExtractTranslation()
-        for frame in (1, 4)
-    ]
-    way = (ends[1] - ends[0]).GetNormalized()
-    assert abs(way * eyes[0].ComputeViewDirection()) < 0.5
+    assert (last.opacities > 0).sum() > (first.opacities > 0).sum() > 0
     assert run("validate", folder / "growth_bake.usda")[0] == 0
 
 

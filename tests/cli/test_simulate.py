@@ -11,9 +11,8 @@ from dataclasses import fields
 
 import numpy as np
 import pytest
-from pxr import Sdf, Usd, UsdGeom
+from pxr import Sdf, Usd
 
-from tests.cli.conftest import ball, passing_sphere
 from usdsplat import schema
 from usdsplat.core.errors import OutputError
 from usdsplat.core.lock import output_lock
@@ -21,23 +20,6 @@ from usdsplat.sim.parameters import GROUPS, INSTANCED, camel
 from usdsplat.sim.stage.authoring import author
 
 FRAMES = ("--frames", "1:3")
-
-
-@pytest.fixture
-def sim(tmp_path):
-    """A stage of 3 frames: 60 splats, a SplatSim prim, and a ball that comes to them."""
-    path = tmp_path / "sim.usda"
-    stage = Usd.Stage.CreateNew(str(path))
-    UsdGeom.SetStageUpAxis(stage, "Y")
-    UsdGeom.SetStageMetersPerUnit(stage, 1.0)
-    stage.SetStartTimeCode(1)
-    stage.SetEndTimeCode(3)
-    stage.SetDefaultPrim(UsdGeom.Xform.Define(stage, "/World").GetPrim())
-    schema.author(stage, "/World/Field", ball(60))
-    author(stage.DefinePrim("/World/Sim", "SplatSim"), {"bake:checkpointEvery": 2})
-    passing_sphere(stage, "/World/Sphere")
-    stage.GetRootLayer().Save()
-    return path
 
 
 def positions(path, frame, prim="/World/Field"):

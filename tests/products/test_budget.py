@@ -13,8 +13,9 @@ from tests.trees import little_tree
 from usdsplat.core.errors import UsageError
 from usdsplat.delegate.engine import Engine
 from usdsplat.products.budget import budget, with_node_memory
-from usdsplat.products.drawing import DrawOptions, draw_frames
+from usdsplat.products.drawing import draw_frames
 from usdsplat.products.planning import plan_pictures
+from usdsplat.products.preparing import DrawOptions
 from usdsplat.products.request import PicturePlan, RenderRequest
 from usdsplat.render import memory
 from usdsplat.render.settings import NODE_MEMORY, RenderSettings

@@ -11,8 +11,9 @@ from pxr import Usd
 from usdsplat.core.errors import OutputError
 from usdsplat.delegate.engine import Engine
 from usdsplat.products.cancel import CancelToken
-from usdsplat.products.drawing import DrawOptions, draw_frames
+from usdsplat.products.drawing import draw_frames
 from usdsplat.products.planning import plan_pictures
+from usdsplat.products.preparing import DrawOptions
 from usdsplat.products.request import RenderRequest
 
 

@@ -12,7 +12,7 @@ from usdsplat.formats import read
 from usdsplat.kernels.device import CpuDevice
 from usdsplat.kernels.devices import open_device
 from usdsplat.kernels.points.nearest import nearest
-from usdsplat.sim.carriers import NEAREST, Carriers
+from usdsplat.sim.carriers import NEAREST, Carriers, poisson_disk
 from usdsplat.sim.parameters import RdParameters
 from usdsplat.sim.reaction import Reaction
 from usdsplat.sim.seeds import nuclei, plant, untouched
@@ -169,3 +169,17 @@ def test_captures_have_the_same_pattern(device, data) -> None:
     assert 9 < middle < 15 and 0.3 < np.mean(areas) < 0.6
     assert np.ptp(lengths) <= 0.1 * middle, lengths
     assert np.ptp(areas) <= 0.05, areas
+
+
+def test_a_sample_keeps_what_is_far_enough_in_the_order_of_priorities(device) -> None:
+    """Oracle: a loop over all points kept before, in double precision."""
+    rng = np.random.default_rng(3)
+    points = rng.uniform(-1, 1, (9000, 3)).astype(np.float32)
+    priority = rng.integers(0, 5000, len(points)).astype(np.float32)  # some are equal
+    kept: list[int] = []
+    for row in np.argsort(priority, kind="stable"):
+        away = np.linalg.norm(points[kept].astype(np.float64) - points[row], axis=1)
+        if not (away < 0.15).any():
+            kept.append(int(row))
+    assert np.array_equal(poisson_disk(device, points, priority, 0.15), np.sort(kept))
+    assert len(kept) > 500

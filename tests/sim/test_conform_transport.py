@@ -8,7 +8,6 @@ import pytest
 from tests.sim.recipes import Written, always, ball, knobs, played, started
 from tests.sim.shapes import sheet, sphere
 from usdsplat.core.cloud import SplatCloud
-from usdsplat.core.errors import StageError
 from usdsplat.kernels.device import CpuDevice
 from usdsplat.kernels.devices import open_device
 from usdsplat.kernels.points.nearest import nearest
@@ -133,12 +132,21 @@ def test_tiny_captures_arrive(device, count):
     assert np.isfinite(cloud.scales).all()
 
 
-def test_a_target_without_area_is_rejected(device):
-    """Oracle: the specification: one sentence."""
+def test_splats_move_to_the_closest_points_of_a_target_without_area(device):
+    """Oracle: the closest points of the same mesh, and the finding."""
     mesh = sheet(3)
     flat = Surface(points=mesh.points * np.float32([1, 0, 0]), triangles=mesh.triangles)
-    with pytest.raises(StageError, match="area"):
-        arrived(device, ball(100), flat)
+    found = []
+    for mode in ("transport", "closest"):
+        conform = {"weight": 1.0, "duration": 0.2, "start": 0.0, "mode": mode}
+        recipe = Written(ball(100), always(parameters=knobs(conform=conform), target=flat))
+        solver = started(device, recipe, 3)
+        for _ in range(2):
+            solver.advance()
+        codes = [each.code for each in solver.findings]
+        assert ("flat-target" in codes) == (mode == "transport")
+        found.append(solver.frame().cloud.positions)
+    np.testing.assert_array_equal(*found)
 
 
 def test_threads_and_restarts_give_the_same_bits():

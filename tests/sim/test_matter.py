@@ -40,6 +40,7 @@ def carriers_at(device, points, spacing):
     return Carriers(
         positions=points,
         normals=np.zeros_like(points),
+        outer=np.ones(len(points), np.bool_),
         dimension=np.full(len(points), 3, np.float32),
         graph=graph,
         spacing=spacing,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import functools
 import inspect
 import itertools
 import textwrap
@@ -27,6 +28,8 @@ class Shown:
     short: str = ""
     text: str | None = None
     excludes: str = ""
+    further: str = ""
+    """Pattern of the words that, after a value, are further values of the flag."""
     is_positional: bool = False
 
 
@@ -73,6 +76,7 @@ def option(
     short: str = "",
     text: str | None = None,
     excludes: str = "",
+    further: str = "",
 ) -> Any:
     """Return the spelling and help of a field, for use in Annotated.
 
@@ -82,8 +86,11 @@ def option(
         short: A short form, such as "-o".
         text: Help text, instead of the string below the field.
         excludes: A flag that cannot be combined with this one.
+        further: Pattern of the words that, after a value, are further values of the flag.
     """
-    return Shown(metavar=metavar, name=name, short=short, text=text, excludes=excludes)
+    return Shown(
+        metavar=metavar, name=name, short=short, text=text, excludes=excludes, further=further
+    )
 
 
 def positional(metavar: str) -> Any:
@@ -163,6 +170,7 @@ def arguments_of(options: type, owner: str = "") -> Iterator[Argument]:
         )
 
 
+@functools.cache  # a worker parses many command lines
 def _texts(options: type) -> dict[str, str]:
     """Return the string below each field of a dataclass and of its bases."""
     found: dict[str, str] = {}

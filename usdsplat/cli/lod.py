@@ -8,6 +8,8 @@ examples:
   usdsplat lod shot.usd streamed/lod-meta.json -o all.usda
       the visible fields and trees of a stage, in world space, and the finest level of a streamed
       SOG with its environment
+  usdsplat lod city_*.ply -o city.usda --jobs 2
+      with two processes of this machine; --dask tcp://host:8786 uses a cluster
   usdsplat lod scan.ply -o scan.usda --pixel 0.002
       with the size of a pixel of the photographs, if it is known
 
@@ -23,14 +25,16 @@ notes:
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from usdsplat.cli import console
 from usdsplat.cli.arguments import option, positional
+from usdsplat.cli.job_options import JobOptions, JobRunner, check_jobs, environments
 from usdsplat.cli.reporting import Reporter, ReportingOptions
 from usdsplat.cli.values import bytes_of, time_code
+from usdsplat.cli.words import words_of
 from usdsplat.core.errors import UsageError
 from usdsplat.core.folders import made_folder
 from usdsplat.core.text import shown
@@ -40,7 +44,13 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from usdsplat.core.findings import Finding
-    from usdsplat.interchange.lod import LodReport
+    from usdsplat.core.progress import Progress
+    from usdsplat.interchange.lod import LodOptions, LodReport
+
+
+STEPS = ("begin", "sort", "build")
+PARTS = 4
+"""Parts of each step, for each process."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -72,20 +82,28 @@ class Options:
     formats, else 1"""
     frame: Annotated[float | None, option("FRAME")] = None
     """time code at which stages are read; default: their default values, or the first samples"""
+    step: Annotated[str | None, option("begin|sort|build")] = None
+    """do only this step of the building, for a farm: begin first, then sort and build in parts,
+    then the command without a step, which does what is left"""
+    part: Annotated[str | None, option("K/N")] = None
+    """part K, from 1, of N parts of --step sort or build, which may be done side by side"""
     json: Annotated[bool, option()] = False
     """print one JSON object with a report"""
+    job: JobOptions = field(default_factory=JobOptions)
     reporting: ReportingOptions = field(default_factory=ReportingOptions)
 
 
 def run(options: Options, reporter: Reporter) -> int:
-    """Build the tree and print a report."""
-    from usdsplat.interchange.lod import LodOptions, build_tree
-    from usdsplat.interchange.lod.options import LEAF_SPLATS, MEMORY
+    """Build the tree, or a part of it, and print a report."""
+    from usdsplat.interchange.lod import build_tree
     from usdsplat.kernels.compiling import on_compile
 
     if options.output is None:
         raise UsageError("lod", "no -o OUT", "one; see 'usdsplat lod --help'")
     _check_inputs(options)
+    check_jobs(options.job, "--openjd", "--chunk")
+    if options.job.is_asked:
+        _run_parts(options, reporter)
 
     def checked(findings: Iterable[Finding]) -> None:
         reporter.findings.extend(findings)
@@ -96,27 +114,77 @@ def run(options: Options, reporter: Reporter) -> int:
         on_compile(reporter.announce_compilation(_COMPILING)),
         reporter.progress() as progress,
     ):
+        if options.step is not None:
+            _take_step(options, options.step, options.output, progress)
+            if options.json:
+                reporter.print_json({})
+            return 0
         report = build_tree(
             options.sources,
             options.output,
-            options=LodOptions(
-                axes=options.axes,
-                up_axis=options.up_axis,
-                meters_per_unit=options.meters_per_unit,
-                time=time_code(options.frame),
-                sh_degree=options.sh_degree,
-                leaf_splats=LEAF_SPLATS if options.leaf_splats is None else options.leaf_splats,
-                pixel=options.pixel,
-                memory_limit=bytes_of(options.memory_limit) or MEMORY,
-            ),
+            options=_lod_options(options),
             found=checked,
             progress=progress,
         )
+    if options.job.is_asked:
+        report = replace(report, continued=False)  # its own tasks were
     if options.json:
         reporter.print_json(asdict(report))
     else:
         console.say(_told(report))
     return 0
+
+
+def _lod_options(options: Options) -> LodOptions:
+    """Return the options of the building."""
+    from usdsplat.interchange.lod import LodOptions
+    from usdsplat.interchange.lod.options import LEAF_SPLATS, MEMORY
+
+    return LodOptions(
+        axes=options.axes,
+        up_axis=options.up_axis,
+        meters_per_unit=options.meters_per_unit,
+        time=time_code(options.frame),
+        sh_degree=options.sh_degree,
+        leaf_splats=LEAF_SPLATS if options.leaf_splats is None else options.leaf_splats,
+        pixel=options.pixel,
+        memory_limit=bytes_of(options.memory_limit) or MEMORY,
+    )
+
+
+def _take_step(options: Options, step: str, target: Path, progress: Progress) -> None:
+    """Do one step of the building.
+
+    Raises:
+        UsageError: If there is no such step or part.
+    """
+    from usdsplat.interchange.lod import TreePart, begin_tree, build_part
+
+    if step not in STEPS:
+        raise UsageError("--step", repr(step), f"one of {', '.join(STEPS)}")
+    if (step == "begin") != (options.part is None):
+        found = f"{options.part or 'none'} with --step {step}"
+        raise UsageError("--part", found, "K/N with --step sort or build")
+    made = _lod_options(options)
+    if options.part is None:
+        begin_tree(options.sources, target, options=made, progress=progress)
+        return
+    part, sorts = TreePart.parse(options.part), step == "sort"
+    build_part(options.sources, target, part, sorts=sorts, options=made, progress=progress)
+
+
+def _run_parts(options: Options, reporter: Reporter) -> None:
+    """Do all steps but the last one as a job."""
+    from usdsplat.jobs.trees import tree_job
+
+    task = replace(
+        options, json=True, job=JobOptions(), reporting=ReportingOptions(quiet=True), step=None
+    )
+    workers = environments(options.job, device="cpu", threads=None)
+    job = tree_job(("lod", *words_of(task)), name="lod", parts=PARTS * len(workers))
+    with JobRunner(options.job, reporter, workers) as runner:
+        for _ in runner.run(job):
+            pass
 
 
 def _check_inputs(options: Options) -> None:

@@ -13,13 +13,16 @@ import importlib
 import logging
 import sys
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from usdsplat import __version__
 from usdsplat.cli import console, failures
 from usdsplat.cli.flag_names import as_typed
 from usdsplat.core import interrupt
 from usdsplat.core.errors import BackendError, EarlierFilesError, UsageError, UsdSplatError
+
+if TYPE_CHECKING:
+    from usdsplat.products.keeper import EngineKeeper
 
 COMMANDS = {
     "convert": "convert captures to a stage, a stage to captures, or either to another of its kind",
@@ -33,6 +36,7 @@ COMMANDS = {
     "normals": "author normals, confidence and occlusion of splats, in a layer of their own",
     "demo": "make a capture, a stage, pictures and sequences, as a tour of the features",
     "compile": "compile all kernels ahead of time, so that later commands do not wait for it",
+    "worker": "carry out commands that another process sends",
     "plugin-path": "print the plug-in folders for usdview and other USD applications",
 }
 
@@ -52,8 +56,12 @@ examples:
 usdsplat COMMAND --help describes a command; usdsplat --version prints the version."""
 
 
-def main(argv: Sequence[str] | None = None) -> int:
+def main(argv: Sequence[str] | None = None, *, keeper: EngineKeeper | None = None) -> int:
     """Run the command in `argv`, which lacks the program's name. None stands for `sys.argv[1:]`.
+
+    Args:
+        argv: The command line.
+        keeper: Keeps the stage open for the next command; None closes it.
 
     Returns:
         Exit status: 0 for success, 1 if `validate` found errors or a strict command has findings,
@@ -67,7 +75,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     log.propagate = False
     arguments = list(sys.argv[1:] if argv is None else argv)
     try:
-        status = _run(arguments)
+        status = _run(arguments) if keeper is None else _run(arguments, keeper)
         _say_what_is_not_kept()
         if status != 128 + interrupt.received():
             interrupt.check()  # its exception may have been lost, see `core.interrupt`
@@ -87,7 +95,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return failures.explain(error, arguments)
 
 
-def _run(arguments: list[str]) -> int:
+def _run(arguments: list[str], keeper: EngineKeeper | None = None) -> int:
     """Run the command without handling errors, see `main`."""
     if not arguments:
         console.tell(OVERVIEW)
@@ -111,7 +119,7 @@ def _run(arguments: list[str]) -> int:
     options = parse(command.Options, name, command.__doc__ or "", words)
     if isinstance(options, int):
         return options
-    return reported(command, options, arguments)
+    return reported(command, options, arguments, keeper=keeper)
 
 
 def _flags_of(arguments: list[str]) -> set[str]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import difflib
 import inspect
+import re
 from collections.abc import Sequence
 from dataclasses import fields, is_dataclass
 from pathlib import Path
@@ -167,6 +168,8 @@ def _normalized(words: Sequence[str], known: Sequence[Argument]) -> list[str]:
                 raise _Mistake(f"{typed} without a value", "one")
             value = rest.pop(0)
         options.append(f"{argument.flag}={value}")
+        while rest and (more := argument.shown.further) and re.fullmatch(more, rest[0]):
+            options.append(f"{argument.flag}={rest.pop(0)}")
     return plain + options
 
 

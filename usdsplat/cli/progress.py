@@ -9,6 +9,7 @@ such work before, the time that is left.
 
 from __future__ import annotations
 
+import json
 import math
 import sys
 import threading
@@ -19,6 +20,7 @@ from typing import IO, Any, cast
 
 from usdsplat.cli import console
 from usdsplat.core import interrupt
+from usdsplat.core.errors import UsageError
 from usdsplat.core.progress import Progress
 from usdsplat.core.text import shown
 
@@ -30,18 +32,38 @@ INTERVALS = ((10.0, 1.0), (60.0, 10.0), (math.inf, 60.0))
 """Pairs (elapsed time of a task [s], interval of plain lines up to that time [s])."""
 
 
+AUTO, JSON, OPENJD = STYLES = "auto", "json", "openjd"
+"""Forms of progress."""
+
+
+def checked_style(style: str) -> str:
+    """Return a form of progress.
+
+    Raises:
+        UsageError: If it is unknown.
+    """
+    if style not in STYLES:
+        raise UsageError("--progress", repr(style), f"one of {', '.join(STYLES)}")
+    return style
+
+
 @contextmanager
-def listening(compiled: Callable[[], float] = lambda: 0.0) -> Iterator[Progress]:
+def listening(compiled: Callable[[], float] = lambda: 0.0, style: str = AUTO) -> Iterator[Progress]:
     """Yield a progress listener for stderr: a bar on a terminal, plain lines elsewhere.
 
     Another thread lets it show the time that passes. The bar is removed at the end.
 
     Args:
+        style: One of STYLES.
         compiled: Returns the time spent on compiling kernels so far [s]. Kernels are compiled only
             once, so the estimate of the time left excludes it.
     """
     is_terminal = sys.stderr is not None and sys.stderr.isatty()
-    listener = Bar(compiled) if is_terminal else Lines(compiled)
+    listener: _Receiver
+    if style in _FORMATS:
+        listener = FormattedLines(compiled, _FORMATS[style])
+    else:
+        listener = Bar(compiled) if is_terminal else Lines(compiled)
     ended = threading.Event()
 
     def run() -> None:
@@ -174,6 +196,45 @@ class Lines(_Receiver):
     def _print(self, text: str) -> None:
         self._task.printed = time.monotonic()
         console.tell(f"usdsplat: {text}")
+
+
+class FormattedLines(Lines):
+    """Progress listener that prints lines for programs.
+
+    Args:
+        compiled: See `listening`.
+        line: Returns a line for a label, the finished units and their number, 0 if unknown.
+    """
+
+    def __init__(
+        self, compiled: Callable[[], float], line: Callable[[str, float, float], str]
+    ) -> None:
+        super().__init__(compiled)
+        self._line = line
+
+    def _show(self, done: int, total: int) -> None:
+        if self._is_due() or done == total:
+            self._task.printed = time.monotonic()
+            console.tell(self._line(shown(self._task.label), done, total))
+
+    def _show_time(self, worked: float, expected: float | None) -> None:
+        if self._is_due():
+            self._task.printed = time.monotonic()
+            part = 0 if expected is None else min(worked, 0.99 * expected)
+            console.tell(self._line(shown(self._task.label), part, expected or 0))
+
+
+def _json_line(label: str, done: float, total: float) -> str:
+    return json.dumps({"progress": {"label": label, "done": done, "total": total}})
+
+
+def _openjd_line(label: str, done: float, total: float) -> str:
+    """Return lines that workers of Open Job Description take for progress and status."""
+    status = f"openjd_status: {label}"
+    return f"openjd_progress: {100 * done / total:.1f}\n{status}" if total else status
+
+
+_FORMATS = {JSON: _json_line, OPENJD: _openjd_line}
 
 
 class Bar(_Receiver):

@@ -17,6 +17,8 @@ examples:
       colours that the config's first view, here ACES 2.0, shows as they were captured
   usdsplat render shot.usd
       all products of the stage's RenderSettings
+  usdsplat render shot.usd -o shot.####.exr --frames 1001-1240 --jobs 2
+      two processes of this machine; --dask tcp://host:8786 uses a cluster
   usdsplat render shot.usd -o a.png --variant /World/Tree:season=autumn --mute proxy
 
 notes:
@@ -32,100 +34,132 @@ notes:
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict
+from typing import TYPE_CHECKING
 
 from usdsplat import images
 from usdsplat.cli import console
-from usdsplat.cli.arguments import given, option, positional
-from usdsplat.cli.render_options import (
-    ColorFlags,
-    DrawingFlags,
-    FileOptions,
-    FramingOptions,
-    LevelFlags,
-    LightFlags,
-    SamplingFlags,
-)
-from usdsplat.cli.reporting import Reporter, ReportingOptions
-from usdsplat.cli.stage_options import StageOptions
+from usdsplat.cli.arguments import given
+from usdsplat.cli.job_options import JobRunner, check_jobs, environments
+from usdsplat.cli.render_job import as_task, ends_of, run_as_job, say_end
+from usdsplat.cli.render_options import Options
+from usdsplat.cli.reporting import Reporter
 from usdsplat.cli.values import aovs_of, bytes_of, crop_of, names_of, overscan_of, resolution_of
-from usdsplat.images.aovs import AOVS
+from usdsplat.core.errors import UsageError
+from usdsplat.core.progress import Progress
+from usdsplat.images.frame_numbers import parse_frames
 
 if TYPE_CHECKING:
-    from usdsplat.products.request import RenderRequest
-
-AOV_HELP = (
-    f"all, or some of {', '.join(AOVS)}, separated by commas; default: the product's, or color"
-)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Options:
-    """Arguments of `usdsplat render`."""
-
-    stage: Annotated[Path, positional("STAGE")]
-    """stage or capture to render"""
-    output: Annotated[str | None, option("FILE", short="-o")] = None
-    """file to write, .exr or .png, with ####, %04d, $F4 or <F4> for the frame; missing folders are
-    made; default: the products' names"""
-    frames: Annotated[str | None, option("RANGE")] = None
-    """frames such as 7, 1-10, 1:10x2 or 1,5,8-12, or stage for its range; default: see the notes"""
-    aovs: Annotated[str | None, option("NAMES", text=AOV_HELP)] = None
-    settings: Annotated[str | None, option("/PRIM")] = None
-    """RenderSettings prim to use; default: the one that the stage names, or its first"""
-    product: Annotated[str | None, option("/PRIM")] = None
-    """render only this RenderProduct of the settings; default: all, or with -o the first"""
-    axes: Annotated[str | None, option("AXES")] = None
-    """directions of a capture's x, y and z, such as rdf; default: auto: as stated in the file, else
-    as its splats suggest, else rdf"""
-    device: Annotated[str, option("NAME")] = "auto"
-    """device that renders, auto, cpu or cuda; default: auto, the one that finishes first"""
-    threads: Annotated[int | None, option("N")] = None
-    """number of threads; default: USDSPLAT_THREADS, or all cores"""
-    memory_limit: Annotated[str | None, option("SIZE")] = None
-    """maximum memory of the process, such as 800M or 6G; default: no limit"""
-    resume: Annotated[bool, option()] = False
-    """skip frames whose file exists, unless it is truncated or another picture"""
-    json: Annotated[bool, option()] = False
-    """print one JSON object with the pictures, the files that --resume skipped, and the findings"""
-    framing: FramingOptions = field(default_factory=FramingOptions)
-    drawing: DrawingFlags = field(default_factory=DrawingFlags)
-    lights: LightFlags = field(default_factory=LightFlags)
-    levels: LevelFlags = field(default_factory=LevelFlags)
-    sampling: SamplingFlags = field(default_factory=SamplingFlags)
-    color: ColorFlags = field(default_factory=ColorFlags)
-    file: FileOptions = field(default_factory=FileOptions)
-    stage_opening: StageOptions = field(default_factory=StageOptions)
-    reporting: ReportingOptions = field(default_factory=ReportingOptions)
+    from usdsplat.delegate.engine import Engine
+    from usdsplat.products.keeper import OpenStage
+    from usdsplat.products.preparing import DrawOptions
+    from usdsplat.products.request import PicturePlan, RenderRequest
 
 
 def run(options: Options, reporter: Reporter) -> int:
-    """Render the pictures, and print each file when it is finished."""
-    from usdsplat.cli.stages import open_stage_or_capture
-    from usdsplat.delegate.engine import Engine
-    from usdsplat.interchange.opening import check_prims
-    from usdsplat.kernels.compiling import compile_time, on_compile
-    from usdsplat.products.drawing import DrawOptions, draw_frames, files_of, work_of
-    from usdsplat.products.frames import first_frame, frames_to_draw, outside_range
-    from usdsplat.products.planning import plan_pictures
+    """Render the pictures, or run the tasks that do, and print each file when it is finished."""
+    from usdsplat.products.drawing import draw_frames
+    from usdsplat.products.preparing import files_of
 
-    request = _request(options)
-    drawing = DrawOptions(
-        existing="resume" if options.resume else "replace",
-        memory_limit=bytes_of(options.memory_limit),
-    )
+    check_jobs(options.job)
+    drawing = _draw_options(options)
     if options.threads is not None:
         images.limit_threads(options.threads)
-    report = []
+    if options.job.is_asked:
+        workers = environments(options.job, device=options.device, threads=options.threads)
+        with JobRunner(options.job, reporter, workers) as runner:
+            return _run_tasks(options, drawing, runner, reporter)
+    with _planning(options, reporter) as (progress, engine, plans, frames):
+        report = []
+        for drawn in draw_frames(
+            engine,
+            plans,
+            frames,
+            source=options.stage_name or str(options.stage),
+            options=drawing,
+            progress=progress,
+            findings=reporter.findings,
+        ):
+            report.append({**asdict(drawn), "path": str(drawn.path)})
+            if not options.json:
+                console.say_path(drawn.path)
+    say_end(options, report, files_of(plans, frames), reporter)
+    return 0
+
+
+def _run_tasks(
+    options: Options, drawing: DrawOptions, runner: JobRunner, reporter: Reporter
+) -> int:
+    """Plan the pictures, and let tasks draw them."""
+    from usdsplat.products.preparing import check_frames, work_of
+
+    with _planning(options, reporter) as (_, engine, plans, frames):
+        engine.expect(work_of(plans, frames))
+        check_frames(engine, plans, frames, options=drawing, findings=reporter.findings)
+        fits = any(plan.camera is None for plan in plans)
+        task = as_task(options, engine.device, ends_of(frames) if fits else "")
+    return run_as_job(options, task, plans, frames, runner, reporter)
+
+
+@contextmanager
+def _planning(
+    options: Options, reporter: Reporter
+) -> Iterator[tuple[Progress, Engine, tuple[PicturePlan, ...], tuple[float, ...]]]:
+    """Yield what is to be drawn: a receiver of progress, the engine, the pictures, the frames."""
+    from usdsplat.kernels.compiling import compile_time, on_compile
+
     with (
         compile_time() as compiled,
         reporter.progress(compiled) as progress,
         on_compile(reporter.announce_compilation()),
+        _opened(options, reporter, progress) as found,
     ):
-        named = (options.framing.camera, options.settings, *request.matte, *request.catchers)
-        keep = ("/Render", *(path for path in named if path and path[0] == "/"))
+        yield progress, found.engine, *_planned(options, found, reporter)
+
+
+def _draw_options(options: Options) -> DrawOptions:
+    """Return the options for drawing.
+
+    Raises:
+        UsageError: If one is wrong.
+    """
+    from usdsplat.products.preparing import DrawOptions
+    from usdsplat.products.tiles import TileStep, Tiling
+
+    if options.tile is not None and options.tiles is None:
+        raise UsageError("--tile", options.tile, "--tiles too")
+    if options.tiles is not None and options.tile is None and not options.job.is_asked:
+        raise UsageError("--tiles", options.tiles, "--tile, or --jobs, --dask or --openjd")
+    if options.tile is not None and options.job.is_asked:
+        raise UsageError("--tile", options.tile, "no --jobs, --dask or --openjd")
+    tiling = None if options.tiles is None else Tiling.parse(options.tiles)
+    return DrawOptions(
+        existing="resume" if options.resume else "replace",
+        memory_limit=bytes_of(options.memory_limit),
+        tile=None if tiling is None else TileStep.parse(tiling, options.tile or "join"),
+        fitted=() if options.fit_frames is None else parse_frames(options.fit_frames),
+    )
+
+
+@contextmanager
+def _opened(options: Options, reporter: Reporter, progress: Progress) -> Iterator[OpenStage]:
+    """Open the engine of the stage, or take the one that the last command left open."""
+    from usdsplat.cli.stages import open_stage_or_capture
+    from usdsplat.delegate.engine import Engine
+    from usdsplat.interchange.opening import check_prims
+    from usdsplat.products.frames import first_frame
+    from usdsplat.products.keeper import EngineKeeper, OpenStage
+
+    framing = options.framing
+    prims = (*(names_of(framing.matte) or ()), *(names_of(framing.catcher) or ()))
+    named = (framing.camera, options.settings, *prims)
+    keep = ("/Render", *(path for path in named if path and path[0] == "/"))
+
+    def make() -> OpenStage:
+        before = len(list(reporter.findings))
         stage = open_stage_or_capture(
             options.stage,
             options.stage_opening,
@@ -134,35 +168,37 @@ def run(options: Options, reporter: Reporter) -> int:
             keep=keep,
             progress=progress,
         )
-        check_prims(stage, "--matte", request.matte)
-        check_prims(stage, "--catcher", request.catchers)
         first = first_frame(stage, options.frames)
-        with Engine(stage, device=options.device, threads=options.threads, time=first) as engine:
-            plans = plan_pictures(engine, request)
-            frames = frames_to_draw(stage, options.frames, plans)
-            reporter.findings.extend(filter(None, [outside_range(stage, frames)]))
-            engine.expect(work_of(plans, frames))
-            for drawn in draw_frames(
-                engine,
-                plans,
-                frames,
-                source=str(options.stage),
-                options=drawing,
-                progress=progress,
-                findings=reporter.findings,
-            ):
-                report.append(drawn)
-                if not options.json:
-                    console.say_path(drawn.path)
-    if not report:
-        reporter.remark("nothing to do: every file exists already")
-    if options.json:
-        done = {drawn.path for drawn in report}
-        paths = [path for group in files_of(plans, frames) for path in group]
-        pictures = [{**asdict(drawn), "path": str(drawn.path)} for drawn in report]
-        skipped = [str(path) for path in paths if path not in done]
-        reporter.print_json({"pictures": pictures, "skipped": skipped})
-    return 0
+        engine = Engine(stage, device=options.device, threads=options.threads, time=first)
+        return OpenStage(engine, stage, tuple(list(reporter.findings)[before:]))
+
+    key = (
+        str(options.stage), options.stage_opening, options.axes, keep, options.device,
+        options.threads, os.getcwd(),
+    )  # fmt: skip
+    keeper = EngineKeeper() if reporter.keeper is None else reporter.keeper
+    try:
+        with keeper.opened(key, make) as found:
+            check_prims(found.stage, "--matte", names_of(options.framing.matte) or ())
+            check_prims(found.stage, "--catcher", names_of(options.framing.catcher) or ())
+            reporter.findings.extend(found.findings)
+            yield found
+    finally:
+        if reporter.keeper is None:
+            keeper.close()
+
+
+def _planned(
+    options: Options, found: OpenStage, reporter: Reporter
+) -> tuple[tuple[PicturePlan, ...], tuple[float, ...]]:
+    """Return the pictures and their frames."""
+    from usdsplat.products.frames import frames_to_draw, outside_range
+    from usdsplat.products.planning import plan_pictures
+
+    plans = plan_pictures(found.engine, _request(options))
+    frames = frames_to_draw(found.stage, options.frames, plans)
+    reporter.findings.extend(filter(None, [outside_range(found.stage, frames)]))
+    return plans, frames
 
 
 def _request(options: Options) -> RenderRequest:

@@ -1,11 +1,16 @@
-"""Define groups of options of `usdsplat render`."""
+"""Define the options of `usdsplat render`."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Annotated, Any
 
-from usdsplat.cli.arguments import flags_of, option
+from usdsplat.cli.arguments import flags_of, option, positional
+from usdsplat.cli.job_options import JobOptions
+from usdsplat.cli.reporting import ReportingOptions
+from usdsplat.cli.stage_options import StageOptions
+from usdsplat.images.aovs import AOVS
 from usdsplat.render.settings import FILE_KNOBS, RenderSettings
 
 DrawingFlags: Any = flags_of(
@@ -85,3 +90,58 @@ class FileOptions(FileFlags):
     """add an entry to the files' headers, a number if it looks like one; may be repeated"""
     no_compare: Annotated[bool, option()] = False
     """do not compare a deep picture with a flat one; takes half the time"""
+
+
+AOV_HELP = (
+    f"all, or some of {', '.join(AOVS)}, separated by commas; default: the product's, or color"
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Options:
+    """Arguments of `usdsplat render`."""
+
+    stage: Annotated[Path, positional("STAGE")]
+    """stage or capture to render"""
+    output: Annotated[str | None, option("FILE", short="-o")] = None
+    """file to write, .exr or .png, with ####, %04d, $F4 or <F4> for the frame; missing folders are
+    made; default: the products' names"""
+    frames: Annotated[str | None, option("RANGE")] = None
+    """frames such as 7, 1-10, 1:10x2 or 1,5,8-12, or stage for its range; default: see the notes"""
+    aovs: Annotated[str | None, option("NAMES", text=AOV_HELP)] = None
+    settings: Annotated[str | None, option("/PRIM")] = None
+    """RenderSettings prim to use; default: the one that the stage names, or its first"""
+    product: Annotated[str | None, option("/PRIM")] = None
+    """render only this RenderProduct of the settings; default: all, or with -o the first"""
+    axes: Annotated[str | None, option("AXES")] = None
+    """directions of a capture's x, y and z, such as rdf; default: auto: as stated in the file, else
+    as its splats suggest, else rdf"""
+    device: Annotated[str, option("NAME")] = "auto"
+    """device that renders, auto, cpu or cuda; default: auto, the one that finishes first"""
+    threads: Annotated[int | None, option("N")] = None
+    """number of threads; default: USDSPLAT_THREADS, or all cores"""
+    memory_limit: Annotated[str | None, option("SIZE")] = None
+    """maximum memory of the process, such as 800M or 6G; default: no limit"""
+    resume: Annotated[bool, option()] = False
+    """skip frames whose file exists, unless it is truncated or another picture"""
+    tiles: Annotated[str | None, option("COLUMNSxROWS")] = None
+    """divide each picture into tiles, which are tasks of their own"""
+    tile: Annotated[str | None, option("N|join")] = None
+    """draw only this tile of --tiles, from 1, into a folder beside the picture; or join all"""
+    fit_frames: Annotated[str | None, option("RANGE")] = None
+    """frames that the camera of a stage without one shows; default: the first, the middle and the
+    last one of --frames"""
+    stage_name: Annotated[str | None, option("TEXT")] = None
+    """name of the stage in the headers of pictures; default: as given"""
+    json: Annotated[bool, option()] = False
+    """print one JSON object with the pictures, the files that --resume skipped, and the findings"""
+    framing: FramingOptions = field(default_factory=FramingOptions)
+    drawing: DrawingFlags = field(default_factory=DrawingFlags)
+    lights: LightFlags = field(default_factory=LightFlags)
+    levels: LevelFlags = field(default_factory=LevelFlags)
+    sampling: SamplingFlags = field(default_factory=SamplingFlags)
+    color: ColorFlags = field(default_factory=ColorFlags)
+    file: FileOptions = field(default_factory=FileOptions)
+    job: JobOptions = field(default_factory=JobOptions)
+    stage_opening: StageOptions = field(default_factory=StageOptions)
+    reporting: ReportingOptions = field(default_factory=ReportingOptions)

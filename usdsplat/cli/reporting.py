@@ -11,15 +11,18 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import asdict, dataclass
-from typing import Annotated, Any, Protocol
+from typing import TYPE_CHECKING, Annotated, Any, Protocol
 
 from usdsplat.cli import console
 from usdsplat.cli.arguments import option
-from usdsplat.cli.progress import listening
+from usdsplat.cli.progress import checked_style, listening
 from usdsplat.core.errors import StrictError
 from usdsplat.core.findings import LIBRARY_MESSAGES, Finding, Findings, finding
 from usdsplat.core.progress import Progress, silent
 from usdsplat.core.text import shown
+
+if TYPE_CHECKING:
+    from usdsplat.products.keeper import EngineKeeper
 
 _CONTEXT = re.compile(r" \([a-z ]+ on stage @.*\)$")
 """End of a message of USD with the stage's address."""
@@ -35,6 +38,9 @@ class ReportingOptions:
     """exit with status 1 and write nothing if the stage asks for something that it does not get"""
     quiet: Annotated[bool, option(short="-q", excludes="--verbose")] = False
     """print only results, errors, and findings that are errors"""
+    progress: Annotated[str, option("auto|json|openjd")] = "auto"
+    """progress on stderr: a bar or plain lines, one JSON object per line, or lines that Open Job
+    Description workers read"""
     verbose: Annotated[bool, option(short="-v")] = False
     """also print the cure of each finding, and messages of USD and other libraries"""
 
@@ -42,11 +48,19 @@ class ReportingOptions:
 class Reporter:
     """Printer of the findings and messages of one command."""
 
-    def __init__(self, options: ReportingOptions, arguments: Sequence[str] = ()) -> None:
+    def __init__(
+        self,
+        options: ReportingOptions,
+        arguments: Sequence[str] = (),
+        keeper: EngineKeeper | None = None,
+    ) -> None:
         self.arguments = tuple(arguments)
         """The command line after the program's name."""
+        self.keeper = keeper
+        """Keeps the stage of the command open for the next one; None closes it."""
         self._quiet = options.quiet
         self._verbose = options.verbose
+        self._style = checked_style(options.progress)
         self.findings = Findings(self._tell, say=self.remark, is_strict=options.strict)
         """Collector of the findings; each is printed when it is new."""
         self.printed: Iterable[Finding] = ()
@@ -62,7 +76,7 @@ class Reporter:
         self, compiled: Callable[[], float] = lambda: 0.0
     ) -> AbstractContextManager[Progress]:
         """Return a progress listener for stderr; with --quiet one that shows nothing."""
-        return nullcontext(silent) if self._quiet else listening(compiled)
+        return nullcontext(silent) if self._quiet else listening(compiled, self._style)
 
     def announce_compilation(self, text: str = console.PICTURES) -> Callable[[str], None]:
         """Return a function to call for each compiled kernel, see `console`."""
@@ -110,18 +124,25 @@ class Command(Protocol):
         """Run the command and return the exit status."""
 
 
-def reported(command: Command, options: Any, arguments: Sequence[str] = ()) -> int:
+def reported(
+    command: Command,
+    options: Any,
+    arguments: Sequence[str] = (),
+    *,
+    keeper: EngineKeeper | None = None,
+) -> int:
     """Run a command, report its findings, and return the exit status.
 
     Args:
         command: Its module.
         options: Its options.
         arguments: The command line after the program's name.
+        keeper: Keeps the stage of the command open for the next one.
 
     Returns:
         That of the command; 1 if the command is strict and there is an error or a warning.
     """
-    reporter = Reporter(options.reporting, arguments)
+    reporter = Reporter(options.reporting, arguments, keeper)
     findings = reporter.findings
     uses_usd = getattr(command, "USES_USD", True)
     try:

@@ -14,6 +14,8 @@ examples:
       simulate a cut of a splat tree; the bake is drawn in place of the tree
   usdsplat simulate grow.usda --frames 1:100 -o bake.usda --resume
       continue an interrupted bake, or make a finished one of fewer frames longer
+  usdsplat simulate grow.usda -o bake.usda --wedge rd:feed=0.03,0.05 settle:omega=4,8
+      bake each combination beside bake.usda, and compare them on a contact sheet, bake.png
   usdsplat simulate --list-parameters
       every parameter with its range, unit and meaning
 
@@ -45,6 +47,7 @@ from usdsplat.images.frame_numbers import LIMIT, parse_frames
 if TYPE_CHECKING:
     from pxr import Usd
 
+    from usdsplat.core.progress import Progress
     from usdsplat.sim.stage.simulating import Existing, SimulateOptions
 
 
@@ -69,6 +72,13 @@ class Options:
     become"""
     overrides: Annotated[tuple[str, ...], option("[/PRIM.]NAME=VALUE", name="set")] = ()
     """value that overrides the stage's parameter, such as rd:preset=coral; may be repeated"""
+    wedge: Annotated[
+        tuple[str, ...], option("[/PRIM.]NAME=VALUE,VALUE ...", further=r"[^-=][^=]*:[^=]*=.*")
+    ] = ()
+    """bake every combination of these values, each in a layer beside the output that names them,
+    and draw a contact sheet, the output with .png"""
+    sheet_frame: Annotated[float | None, option("FRAME")] = None
+    """with --wedge: frame of the contact sheet; default: the last one"""
     list_parameters: Annotated[bool, option()] = False
     """print every parameter and stop"""
     lod: Annotated[int | None, option("LEVEL", excludes="--max-splats")] = None
@@ -125,6 +135,7 @@ def _make(options: Options, preset: str, reporter: Reporter) -> int:
     for flag, given in (
         ("--frames", options.frames), ("--resume", options.resume), ("--set", options.overrides),
         ("--lod", options.lod is not None), ("--max-splats", options.max_splats is not None),
+        ("--wedge", options.wedge),
     ):  # fmt: skip
         if given:
             raise UsageError(flag, f"--preset {preset} too", "one of them: first make, then run")
@@ -159,7 +170,6 @@ def _bake(options: Options, source: Path, target: Path, reporter: Reporter) -> i
     from usdsplat.interchange.files import check_not_input, is_usd, layer_files
     from usdsplat.kernels.compiling import compile_time, on_compile
     from usdsplat.sim.stage.overrides import override
-    from usdsplat.sim.stage.simulating import simulate
 
     if not is_usd(source):
         found = f"{source}, which is a capture"
@@ -174,26 +184,66 @@ def _bake(options: Options, source: Path, target: Path, reporter: Reporter) -> i
     check_not_input(target, layer_files(stage))
     for text in (*_tree_overrides(options, stage), *options.overrides):
         override(stage, text)
+    frames = _frames(options, stage)
+    if options.sheet_frame is not None and not options.wedge:
+        raise UsageError("--sheet-frame", f"{options.sheet_frame:g} without --wedge", "both")
     announce = reporter.announce_compilation(
         "compiling kernels, once for each kind of simulation; it takes up to a minute"
     )
-    frames = _frames(options, stage)
     with (
         compile_time() as compiled,
         reporter.progress(compiled) as progress,
         on_compile(announce),
-        advising(reporter.arguments, target),
+        advising(reporter.arguments, None if options.wedge else target),
     ):
-        report = simulate(
-            stage, target, frames, simulate_options(options), progress=progress,
-            findings=reporter.findings, rates=rates_file(),
-        )  # fmt: skip
+        order = _wedge if options.wedge else _simulate
+        order(options, stage, target, frames, reporter, progress)
+    return 0
+
+
+def _simulate(
+    options: Options,
+    stage: Usd.Stage,
+    target: Path,
+    frames: tuple[float, ...],
+    reporter: Reporter,
+    progress: Progress,
+) -> None:
+    """Order one bake, and print its report."""
+    from usdsplat.sim.stage.simulating import simulate
+
+    report = simulate(
+        stage, target, frames, simulate_options(options), progress=progress,
+        findings=reporter.findings, rates=rates_file(),
+    )  # fmt: skip
     if options.json:
         reporter.print_json(asdict(report))
     else:
         console.say_path(target)
         reporter.remark(report.sentence())
-    return 0
+
+
+def _wedge(
+    options: Options,
+    stage: Usd.Stage,
+    target: Path,
+    frames: tuple[float, ...],
+    reporter: Reporter,
+    progress: Progress,
+) -> None:
+    """Order the bakes of a wedge, and print their names."""
+    from usdsplat.products.wedge import WedgeOptions, parse_axes, wedge
+
+    how = WedgeOptions(simulate=simulate_options(options), frame=options.sheet_frame)
+    report = wedge(
+        stage, target, frames, parse_axes(options.wedge), how, progress=progress,
+        findings=reporter.findings, rates=rates_file(),
+    )  # fmt: skip
+    if options.json:
+        reporter.print_json(asdict(report))
+        return
+    for path in (*report.bakes, report.sheet):
+        console.say_path(Path(path))
 
 
 def simulate_options(options: Options) -> SimulateOptions:
@@ -223,12 +273,12 @@ def resumed(arguments: Sequence[str]) -> str:
 
 
 @contextmanager
-def advising(arguments: Sequence[str], target: Path) -> Iterator[None]:
+def advising(arguments: Sequence[str], target: Path | None) -> Iterator[None]:
     """Tell how to go on if the context is interrupted.
 
     Args:
         arguments: The command line after the program's name.
-        target: The bake.
+        target: The bake; None for several.
     """
     interrupt.advise(f"go on with: {resumed(arguments)}")
     try:
@@ -237,6 +287,8 @@ def advising(arguments: Sequence[str], target: Path) -> Iterator[None]:
     except KeyboardInterrupt:
         from usdsplat.sim.stage.bake_layers import resume_frame
 
+        if target is None:
+            raise
         frame = resume_frame(target)
         after = "begin again" if frame is None else f"go on after frame {frame:g}"
         interrupt.advise(f"{after} with: {resumed(arguments)}")

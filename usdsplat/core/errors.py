@@ -57,6 +57,10 @@ class OutputError(UsdSplatError, OSError):
     """A result cannot be written. Fix: choose another target."""
 
 
+class JobError(UsdSplatError, RuntimeError):
+    """Tasks of a job failed. Fix: see their messages, then go on with --resume."""
+
+
 class EarlierFilesError(OutputError):
     """Results cannot be put in place, nor the earlier ones put back. Fix: move the earlier ones
     back from the folders that the message names.

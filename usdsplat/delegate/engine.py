@@ -11,6 +11,7 @@ from usdsplat.core.errors import UsageError
 from usdsplat.core.findings import Finding
 from usdsplat.delegate.default_camera import Box, frame_subject, union
 from usdsplat.delegate.drawer import Drawer
+from usdsplat.delegate.live_clouds import LiveClouds
 from usdsplat.delegate.product import ProductSpec
 from usdsplat.delegate.render_buffer import Pixels
 from usdsplat.delegate.render_index import RenderIndex
@@ -86,11 +87,8 @@ class Engine:
         self._open().set_purposes(purposes)
 
     def set_refinement(self, levels: int) -> None:
-        """Set the refinement level of subdivision surfaces, 0 to 5; only meshes are rebuilt.
-
-        Raises:
-            UsageError: If the level is out of range.
-        """
+        """Set the refinement level of subdivision surfaces, 0 to 5, else raise a UsageError; only
+        meshes are rebuilt."""
         self._open().set_refinement(levels)
 
     def sync(self, view: View | None = None) -> None:
@@ -101,13 +99,17 @@ class Engine:
     def update_chunk(self, path: str, node: int, cloud: SplatCloud | None) -> None:
         """Draw a cloud in place of the splats of a splat tree's node; None draws those again.
 
-        Its degree is the tree's, and its splats are as many as the node's proxies and residents, in
-        this order. It must not be changed afterwards.
+        Its degree is the tree's; its splats are as many as the node's proxies and residents, in
+        order. It must not be changed afterwards.
 
         Raises:
             UsdSplatError: If there is no such tree or node, or the cloud does not fit it.
         """
         self._open().update_chunk(path, node, cloud)
+
+    def show_live(self, live: LiveClouds | None) -> None:
+        """Draw clouds in place of those on the stage at their time; None draws those again."""
+        self._open().show_live(live)
 
     @property
     def device(self) -> str:
@@ -243,8 +245,7 @@ class Engine:
     # --- pictures --------------------------------------------------------------------------
 
     def expect(self, work: Iterable[Work]) -> None:
-        """Set the expected work before the first picture; "auto" selects the device that finishes
-        it first. By default a long session is assumed."""
+        """Set the expected work, by default a long session, for which "auto" selects a device."""
         self.sync()
         self._drawer.expect(work)
 
@@ -343,8 +344,6 @@ class Engine:
             self._param.scene, view, self._resolved(settings), request, band_pixels=band_pixels,
             threads=self._drawer.threads,
         )  # fmt: skip
-
-    # --- the end ---------------------------------------------------------------------------
 
     def close(self) -> None:
         """Release arrays, buffers and notices; the engine cannot be used afterwards."""

@@ -69,6 +69,7 @@ class Document:
             lambda time: Engine(stage, device=device, threads=threads, time=time),
             up_axis=up_axis(stage),
             on_read=lambda: self.wake(),
+            live=lambda: self.simulation,
         )
         self._thread = threading.get_ident()
         self._change: StageChanged | None = None

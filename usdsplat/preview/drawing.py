@@ -170,7 +170,9 @@ class Drawing:
             if is_same and not reads_stage and self._is_shown(state, quality):
                 return None
             synced = time.perf_counter()
-            if not reads_stage:
+            if reads_stage:
+                self._scenes.author()
+            else:
                 holding.close()
             self._wanted = None
             with compile_time() as compiled:

@@ -8,10 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any, Literal, Protocol
 
 from usdsplat.delegate.default_camera import Box, frame_subject
 from usdsplat.delegate.engine import Engine
+from usdsplat.delegate.live_clouds import LiveClouds
 from usdsplat.preview.boxes import Reach
 from usdsplat.preview.camera import FreeCamera
 from usdsplat.preview.values import Look, ViewState
@@ -59,6 +60,16 @@ class Scene:
         return self.engine.render_scene.subject()
 
 
+class LiveFrames(Protocol):
+    """Frames of a running simulation that are drawn without being on the stage."""
+
+    def shown_at(self, time: float | None) -> LiveClouds | None:
+        """Return what to draw in place of the stage at a time; None if the stage has it."""
+
+    def author(self) -> None:
+        """Author all frames on the stage."""
+
+
 class Scenes:
     """The engines of one viewport.
 
@@ -67,6 +78,7 @@ class Scenes:
         open_engine: Function that opens an engine for another time of the same stage.
         up_axis: Up axis of the stage.
         on_read: Called by other threads after splats of splat trees were read.
+        live: Returns the frames of the stage's simulation, if there is one.
     """
 
     def __init__(
@@ -76,6 +88,7 @@ class Scenes:
         *,
         up_axis: Literal["Y", "Z"],
         on_read: Callable[[], None],
+        live: Callable[[], LiveFrames | None] = lambda: None,
     ) -> None:
         self._engine = engine
         self._open = open_engine
@@ -83,6 +96,7 @@ class Scenes:
         self._count = 0
         self._up_axis = up_axis
         self._on_read = on_read
+        self._live = live
         self._reach: dict[Engine, Reach] = {}
         self._framed: tuple[tuple[Any, ...], CameraSpec] | None = None
 
@@ -123,10 +137,18 @@ class Scenes:
             self._scene(state, state.other, other),
         )
 
+    def author(self) -> None:
+        """Author frames that were only drawn so far, for a picture that reads the stage."""
+        live = self._live()
+        if live is not None:
+            live.author()
+
     # --- private ---------------------------------------------------------------------------
 
     def _scene(self, state: ViewState, look: Look, engine: Engine) -> Scene:
         engine.set_time(_time(state, look))
+        live = self._live()
+        engine.show_live(None if live is None else live.shown_at(engine.time))
         engine.set_purposes(state.purposes)
         engine.set_refinement(look.settings.refinement)
         scene = engine.render_scene

@@ -23,10 +23,10 @@ from usdsplat.delegate.product import ProductSpec
 from usdsplat.delegate.scene_delegate import read_products
 from usdsplat.delegate.scene_delegate.population import populate
 from usdsplat.delegate.scene_delegate.unsupported import findings_on_light, findings_on_prims
-from usdsplat.products.drawing import files_of
 from usdsplat.products.frames import first_frame, frames_to_draw
 from usdsplat.products.planning import plan_default, plan_product
 from usdsplat.products.preflight import findings_of, lens_findings
+from usdsplat.products.preparing import files_of
 from usdsplat.products.request import PicturePlan, RenderRequest
 from usdsplat.schema.composition import composition_findings
 from usdsplat.schema.proxy import points_of

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -57,8 +58,43 @@ def draw_deep(engine: Engine, file: PictureFile, *, rows_written: RowsWritten) -
         UsageError: If splats are not sorted by planar depth, or a row has too many samples.
         OutputError: If the file cannot be written.
     """
+    report = DeepReport()
+    write_deep(file, deep_bands(engine, file, report), report, rows_written=rows_written)
+    return report
+
+
+def write_deep(
+    file: PictureFile,
+    bands: Iterable[tuple[int, DeepBand]],
+    report: DeepReport,
+    *,
+    rows_written: RowsWritten,
+) -> None:
+    """Write the bands of a deep picture, see `deep_bands`, into its file, and report its size. For
+    errors see `draw_deep`."""
+    settings, layout = file.plan.settings, file.layout
+    if settings.deep_color == "beauty":
+        layout = replace(layout, metadata={**layout.metadata, "usdsplat:aov:color": MEANING})
+    with DeepWriter(file.path, layout, merged=settings.deep_error > 0) as writer:
+        for y0, band in bands:
+            writer.write_band(y0, band)
+            rows_written(y0 + len(band.counts) - file.layout.window[1])
+    report.bytes = file.path.stat().st_size
+
+
+def deep_bands(
+    engine: Engine, file: PictureFile, report: DeepReport
+) -> Iterator[tuple[int, DeepBand]]:
+    """Yield the first row and the samples of each band of a deep picture at the engine's time.
+
+    Args:
+        report: Receives the number of samples, and the differences from the flat picture.
+
+    Raises:
+        UsageError: As `draw_deep` does.
+    """
     plan, view, settings = file.plan, file.view, file.plan.settings
-    report = DeepReport(compared=plan.compare, blend_space=settings.blend_space)
+    report.compared, report.blend_space = plan.compare, settings.blend_space
     bands = engine.render_deep(
         view,
         settings,
@@ -72,30 +108,24 @@ def draw_deep(engine: Engine, file: PictureFile, *, rows_written: RowsWritten) -
         flat = FlatRows(
             engine.render(view, in_scene, holdout=file.holdout, band_pixels=file.band_pixels)
         )
-    layout, scales = file.layout, settings.deep_color == "beauty"
-    stored = np.float32 if layout.pixel_type == "float" else np.float16
-    if scales:
-        layout = replace(layout, metadata={**layout.metadata, "usdsplat:aov:color": MEANING})
+    stored = np.float32 if file.layout.pixel_type == "float" else np.float16
     ids = DeepIds(engine, plan)
-    writer = DeepWriter(file.path, layout, merged=settings.deep_error > 0)
-    with writer:
-        for y0, y1, samples in bands:
-            report.missing = engine.stats.missing
-            beauty = None if flat is None else flat.take(y1 - y0)
-            if scales and beauty is not None:
-                samples = scaled_to(samples, beauty, stored)
-            band = DeepBand(
+    for y0, y1, samples in bands:
+        report.missing = engine.stats.missing
+        beauty = None if flat is None else flat.take(y1 - y0)
+        if settings.deep_color == "beauty" and beauty is not None:
+            samples = scaled_to(samples, beauty, stored)
+        report.samples += len(samples.depth)
+        report.pixels += samples.counts.size
+        if plan.compare and beauty is not None:
+            report.add(flattened(samples)[..., :3] - beauty[..., :3])
+        yield (
+            y0,
+            DeepBand(
                 counts=samples.counts,
                 depth=samples.depth,
                 depth_back=samples.depth_back,
                 color=samples.color,
                 ids=ids.channels(samples),
-            )
-            writer.write_band(y0, band)
-            report.samples += len(samples.depth)
-            report.pixels += samples.counts.size
-            if plan.compare and beauty is not None:
-                report.add(flattened(samples)[..., :3] - beauty[..., :3])
-            rows_written(y1 - file.layout.window[1])
-    report.bytes = file.path.stat().st_size
-    return report
+            ),
+        )

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from pxr import UsdGeom
 
 from usdsplat import formats
 from usdsplat.core import axes, edit
@@ -24,7 +23,7 @@ from usdsplat.products.drawing import draw_frames
 from usdsplat.products.movie import save_animation
 from usdsplat.products.planning import plan_pictures
 from usdsplat.products.request import RenderRequest
-from usdsplat.products.turntable import author_turntable, look_across
+from usdsplat.products.turntable import author_turntable
 from usdsplat.schema.usd_files import export_layer
 from usdsplat.sim.stage.overrides import override
 from usdsplat.sim.stage.presets import author_preset
@@ -32,7 +31,6 @@ from usdsplat.sim.stage.simulating import SimulateOptions, simulate
 
 COARSE, GROWN = 50_000, 300_000
 """Number of splats of the model for the simulation, and maximum number of a capture for it."""
-BALL = "/World/Simulation/Ball"
 KERNELS = Path(__file__).with_name("demo_kernels.txt")
 """Every kernel that the demo runs, with argument types, in the order of first use."""
 QUICKER = ("sim:substeps=2", "rd:substeps=40")
@@ -135,20 +133,14 @@ class _Demo:
         return stage
 
     def _grow(self, source: Path) -> None:
-        """Simulate a pattern that grows on the stage's splats while a ball passes, then bake and
-        draw it."""
+        """Simulate matter that grows on the stage's splats, then bake and draw it."""
         growth, bake = source.with_name("growth.usda"), source.with_name("growth_bake.usda")
         author_preset("grow", open_stage(source), growth, last=self._request.frames)
         stage = open_stage(growth)
-        look_across(stage, BALL)
-        ball = UsdGeom.Imageable(stage.GetPrimAtPath(BALL))
-        ball.GetPurposeAttr().Set(UsdGeom.Tokens.default_)  # is seen at work
         for text in QUICKER:
             override(stage, text, layer=stage.GetRootLayer())
         export_layer(stage.GetRootLayer(), growth)
-        self._tell(
-            growth, "a simulation: a pattern grows on the capture, and a ball pushes its splats"
-        )
+        self._tell(growth, "a simulation: new matter grows on the capture")
         running = SimulateOptions(threads=self._request.threads, existing="replace")
         report = simulate(stage, bake, self._frames, running, progress=self._progress)
         count = sum(report.splats.values())

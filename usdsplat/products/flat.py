@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from usdsplat.images import open_writer
 from usdsplat.images.aovs import AOVS
 from usdsplat.images.view import ViewTransform
 from usdsplat.products.picture_file import PictureFile, RowsWritten
+from usdsplat.render.band import Band
 from usdsplat.render.output import view_of
 
 EMPTY = 2**32 - 1
@@ -30,7 +32,24 @@ def draw_flat(engine: Engine, file: PictureFile, *, rows_written: RowsWritten) -
     Raises:
         OutputError: If the file cannot be written.
     """
-    plan, layout = file.plan, file.layout
+    write_flat(file, flat_bands(engine, file), rows_written=rows_written)
+
+
+def write_flat(file: PictureFile, bands: Iterable[Band], *, rows_written: RowsWritten) -> None:
+    """Write the bands of a picture, see `flat_bands`, into its file. For errors see `draw_flat`."""
+    with open_writer(file.path, file.layout) as writer:
+        for band in bands:
+            writer.write_band(band.y0, band.arrays)
+            rows_written(band.y1 - file.layout.window[1])
+
+
+def flat_bands(engine: Engine, file: PictureFile) -> Iterator[Band]:
+    """Yield the bands of a picture at the engine's time, with the values of its file.
+
+    Their arrays are named by AOV, ids are those of files, and colours have the view transform if it
+    is baked.
+    """
+    plan = file.plan
     # The view transform of a premultiplied colour needs the coverage of the pixel.
     with_color = plan.is_baked and "albedo" in plan.aovs
     names = dict.fromkeys((*plan.aovs, *(("color",) if with_color else ())))
@@ -44,19 +63,17 @@ def draw_flat(engine: Engine, file: PictureFile, *, rows_written: RowsWritten) -
         band_pixels=file.band_pixels,
     )
     numbers = _file_ids(engine) if "id" in names else np.empty(0, np.uint32)
-    with open_writer(file.path, layout) as writer:
-        for band in bands:
-            # The renderer's id for no prim, -1, is 2**32 - 1 in the file.
-            arrays = {
-                aov.name: array.view(np.uint32) if aov.kind == "id" else array
-                for aov, array in ((by_hydra[key], band.arrays[key]) for key in by_hydra)
-            }
-            if "id" in arrays:
-                arrays["id"] = numbers[band.arrays["primId"]]
-            if through is not None:
-                arrays |= _baked(through, arrays)
-            writer.write_band(band.y0, arrays)
-            rows_written(band.y1 - layout.window[1])
+    for band in bands:
+        # The renderer's id for no prim, -1, is 2**32 - 1 in the file.
+        arrays = {
+            aov.name: array.view(np.uint32) if aov.kind == "id" else array
+            for aov, array in ((by_hydra[key], band.arrays[key]) for key in by_hydra)
+        }
+        if "id" in arrays:
+            arrays["id"] = numbers[band.arrays["primId"]]
+        if through is not None:
+            arrays |= _baked(through, arrays)
+        yield Band(band.y0, band.y1, arrays)
 
 
 def _file_ids(engine: Engine) -> npt.NDArray[np.uint32]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,7 +15,6 @@ from usdsplat.delegate.engine import Engine
 from usdsplat.interchange.files import open_stage
 from usdsplat.render.scene import RenderScene, matrix
 from usdsplat.render.specs import CameraSpec
-from usdsplat.schema.stage_values import local_to_world, ordered_ops
 from usdsplat.schema.usd_files import export_layer
 
 FOCAL_LENGTH = 50.0
@@ -26,8 +24,6 @@ CAMERA = "/World/Turntable/Camera"
 STILL = (1920, 1080)
 MOVING = (640, 360)
 """Resolutions of the products [pixel]."""
-ASIDE = 80.0
-"""Angle between the view direction and the path of the passing prim [degree]."""
 TIPS = 0.25
 """Distance beyond its bounds that still belongs to the subject, as a fraction of its size."""
 POINTS, TURNS = 5000, 24
@@ -70,35 +66,6 @@ def author_turntable(target: Path, capture: Path, *, frames: int) -> None:
     references = layer.GetPrimAtPath(subject).referenceList
     references.prependedItems = [Sdf.Reference(f"./{capture.name}")]
     export_layer(layer, target)
-
-
-def look_across(stage: Usd.Stage, path: str) -> None:
-    """Replace the rotation of the turntable by a fixed one, so that a moving prim crosses the view
-    at the angle `ASIDE`.
-
-    Args:
-        stage: A stage whose root layer is stronger than that of the turntable.
-        path: Path of a prim that moves from one place to another.
-    """
-    moved = UsdGeom.Xformable(stage.GetPrimAtPath(path))
-    times = moved.GetTimeSamples()
-    first, last = (
-        local_to_world(moved.GetPrim(), UsdGeom.XformCache(time)).ExtractTranslation()
-        for time in (times[0], times[-1])
-    )
-    view = UsdGeom.Camera(stage.GetPrimAtPath(CAMERA)).GetCamera(1).frustum.ComputeViewDirection()
-    turn = _heading(last - first) - _heading(view)
-    angles = (turn + aside + half for aside in (-ASIDE, ASIDE) for half in (0.0, 180.0))
-    angle = min((math.remainder(each, 360.0) for each in angles), key=abs)
-    turntable = stage.GetPrimAtPath(Sdf.Path(CAMERA).GetParentPath())
-    for op in ordered_ops(turntable):
-        if op.GetOpType() == UsdGeom.XformOp.TypeRotateY:
-            op.Set(angle)
-
-
-def _heading(vector: Gf.Vec3d) -> float:
-    """Return the angle of a vector around the up axis, from z towards x [degree]."""
-    return math.degrees(math.atan2(vector[0], vector[2]))
 
 
 def _camera_around(stage: Usd.Stage) -> tuple[CameraSpec, F64]:

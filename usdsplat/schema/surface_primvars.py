@@ -53,15 +53,15 @@ def author_surface(
         primvar.Set(to_vt(values, vt_kind), code)
 
 
-def has_normals(prim: Usd.Prim) -> bool:
-    """Return whether a splat field has normals that follow its splats: a field with time samples
-    needs samples of normals, too."""
+def has_normals(prim: Usd.Prim, *, moves: bool = False) -> bool:
+    """Return whether a splat field has normals that follow its splats: a field with time samples,
+    or of which it is known that it moves, needs samples of normals, too."""
     attribute = prim.GetAttribute(f"primvars:{tokens.NORMALS}")
     if not attribute or not attribute.HasAuthoredValue():
         return False
-    return attribute.ValueMightBeTimeVarying() or not attributes.sample_times(
-        prim, tokens.SHAPE_ATTRIBUTES
-    )
+    if attribute.ValueMightBeTimeVarying():
+        return True
+    return not moves and not attributes.sample_times(prim, tokens.SHAPE_ATTRIBUTES)
 
 
 def fetch_surface(prim: Usd.Prim, count: int, time: Time = None) -> SurfacePrimvars:

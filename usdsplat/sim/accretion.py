@@ -7,6 +7,7 @@ the state, whose rest values are computed from the carriers at each frame.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
@@ -14,15 +15,28 @@ from usdsplat.core.cloud import F32, I32, I64
 from usdsplat.core.sh import rgb_to_dc
 from usdsplat.kernels.device import Device
 from usdsplat.kernels.sim import accretion as kernels
+from usdsplat.kernels.sim import needles as prisms
 from usdsplat.sim.carriers import NEAR, NEAREST, WEIGHTS, Carriers
+from usdsplat.sim.front import ARRIVAL
+from usdsplat.sim.motifs import Cells, Look, Motif, Plates, drawn
+from usdsplat.sim.needles import Needles
 from usdsplat.sim.parameters import AccretionParameters
 from usdsplat.sim.specs import Moment
 from usdsplat.sim.state import State
+from usdsplat.sim.vein_tree import Veins
 
 CARRIER, LAYER = "accretion:carrier", "accretion:layer"
 """In `State.memory`: carrier and layer of a disc, -1 for other splats, shape (n,)."""
 GROWN = "accretion:grown"
 """In `State.globals`: 1 for carriers whose matter has begun, shape (c,)."""
+REACHED = "accretion:reached"
+"""In `State.globals`: time at which the pattern reached each carrier, where no front spreads [s],
+shape (c,)."""
+MOTIFS: dict[str, Callable[[Device, Carriers, float, int], Motif]] = {
+    "cells": Cells, "veins": Veins, "plates": Plates, "needles": Needles,
+}  # fmt: skip
+MOTIF_SEED = 7000
+"""Added to the seed of the simulation."""
 SMOOTHINGS = 2
 """Passes that smooth the pattern before matter is raised."""
 PROFILES = {
@@ -32,6 +46,10 @@ RAMPS = {
     "v": kernels.BY_V, "height": kernels.BY_HEIGHT, "age": kernels.BY_AGE,
     "curvature": kernels.BY_CURVATURE,
 }  # fmt: skip
+LIFT = 0.9
+"""Least height of a motif's matter, in distances of carriers: captured splats do not cover it."""
+FULL_V = 2.5
+"""Factor of v that gives its place on the ramp."""
 BEGIN = 1.15
 """Matter of a carrier begins where v exceeds `low` by this factor: lower, nothing can be seen."""
 
@@ -45,7 +63,7 @@ class Accretion:
         origin: The splat of the field that is nearest to each carrier, shape (c,).
         ids: Identities of the field's splats.
         weight: Selection weight of the field's splats, shape (n,): matter does not grow from those
-            with 0, and less high from those below 1.
+            with 0, and less high from those below 1. Nor does it inside the capture.
         first: Values of the stage at the first frame.
     """
 
@@ -59,13 +77,15 @@ class Accretion:
         first: Moment,
     ) -> None:
         self._device, self._carriers = device, carriers
-        self._origin, self._ids, self._weight = origin, ids, weight[origin]
+        self._origin, self._ids = origin, ids
+        self._weight: F32 = weight[origin] * carriers.outer
         self._seed = first.parameters.sim.seed
         self._up = np.asarray(first.up, np.float32)
         self._light = _light(first)
         graph = carriers.graph
         self._graph = graph.rows, graph.neighbors
         self._support = graph.support
+        self._motif: Motif | None = None
 
     def begin(self, state: State) -> None:
         """Prepare the state, without new matter."""
@@ -73,9 +93,10 @@ class Accretion:
         state.memory[CARRIER] = np.full(n, -1, np.int32)
         state.memory[LAYER] = np.full(n, -1, np.int32)
         state.globals[GROWN] = np.zeros(len(self._carriers), np.uint8)
+        state.globals[REACHED] = np.full(len(self._carriers), np.inf, np.float32)
 
     def due(
-        self, state: State, uv: F32, knobs: AccretionParameters, maximum: int
+        self, state: State, uv: F32, knobs: AccretionParameters, maximum: int, now: float
     ) -> tuple[I64, I64]:
         """Return the carriers whose matter begins now, and the rows of their origins, for each disc
         to add; both of shape (d,). Carriers whose origin has died are left out.
@@ -85,9 +106,14 @@ class Accretion:
             uv: u and v of the carriers, shape (c, 2).
             knobs: Resolved knobs.
             maximum: Number of splats at which growth ends.
+            now: Time since the simulation's start [s].
         """
         grown = state.globals[GROWN]
-        starts = (uv[:, 1] > BEGIN * knobs.low) & (grown == 0) & (self._allowed(knobs) > 0)
+        if knobs.motif == "pattern":
+            there = uv[:, 1] > BEGIN * knobs.low
+        else:
+            there = self._look_at(state, uv, knobs, now).rise > 0
+        starts = there & (grown == 0) & (self._allowed(knobs) > 0)
         room = max(0, (maximum - len(state)) // knobs.layers)
         carriers = np.flatnonzero(starts)[:room]
         wanted = self._ids[self._origin[carriers]]
@@ -123,16 +149,14 @@ class Accretion:
             return
         device, run, c = self._device, self._device.run, self._carriers
         spacing, f = c.spacing, np.float32
-        values = np.ascontiguousarray(uv[:, 1])
-        for _ in range(SMOOTHINGS):
-            out: F32 = device.empty(len(c), np.float32)
-            run(kernels.smooth, c.positions, self._support, *self._graph, values, out)
-            values = out
-        heights: F32 = device.empty(len(c), np.float32)
-        run(
-            kernels.raise_carriers, values, self._allowed(knobs), f(knobs.low), f(knobs.high),
-            f(knobs.relief * spacing), PROFILES[knobs.profile], heights,
-        )  # fmt: skip
+        look: Look | None = None
+        if knobs.motif == "pattern":
+            values, heights = self._raised(uv, knobs)
+        else:
+            look = self._look_at(state, uv, knobs, seconds)
+            values = look.tone
+            lifted = np.where(look.rise > 0, f(LIFT) + f(knobs.relief) * look.rise, f(0))
+            heights = lifted * self._allowed(knobs) * f(spacing)
         facing: F32 = device.empty((len(c), 3), np.float32)
         over: F32 = device.empty(len(c), np.float32)
         run(
@@ -146,13 +170,19 @@ class Accretion:
                 state.rest_rotations, state.rest_scales, state.rest_opacities, state.rest_sh,
             )
         )  # fmt: skip
-        run(
-            kernels.discs, rows, state.memory[CARRIER], state.memory[LAYER], knobs.layers,
-            state.ids, state.births, f(seconds), self._seed, _numbers(knobs, spacing),
-            RAMPS[knobs.ramp_by], _ramp(knobs), self._light, c.positions, c.normals, values,
-            heights, facing, over, state.rest_positions, state.rest_rotations, state.rest_scales,
-            state.rest_opacities, colors,
-        )  # fmt: skip
+        if isinstance(self._motif, Needles):
+            self._place_needles(state, rows, uv, knobs, seconds, colors)
+        else:
+            run(
+                kernels.discs, rows, state.memory[CARRIER], state.memory[LAYER], knobs.layers,
+                state.ids, state.births, f(seconds), self._seed, _numbers(knobs, spacing),
+                RAMPS[knobs.ramp_by], _ramp(knobs), self._light, c.positions, c.normals, values,
+                heights, facing, over, state.rest_positions, state.rest_rotations,
+                state.rest_scales, state.rest_opacities, colors,
+            )  # fmt: skip
+        if look is not None and knobs.tints:
+            piece = look.piece[state.memory[CARRIER][rows]]
+            colors[rows] *= self._tints(knobs, int(look.piece.max()) + 1)[piece]
         state.rest_sh[rows] = 0
         state.rest_sh[rows, 0] = rgb_to_dc(colors[rows])
         # where nothing deforms splats, nothing else computes these from rest
@@ -163,6 +193,68 @@ class Accretion:
         else:
             state.sh = state.sh.copy()
             state.sh[rows] = state.rest_sh[rows]
+
+    def _raised(self, uv: F32, knobs: AccretionParameters) -> tuple[F32, F32]:
+        """Return the pattern's place on the ramp, and the heights [unit], both of shape (c,)."""
+        device, c, f = self._device, self._carriers, np.float32
+        values = np.ascontiguousarray(uv[:, 1])
+        for _ in range(SMOOTHINGS):
+            out: F32 = device.empty(len(c), np.float32)
+            device.run(kernels.smooth, c.positions, self._support, *self._graph, values, out)
+            values = out
+        heights: F32 = device.empty(len(c), np.float32)
+        device.run(
+            kernels.raise_carriers, values, self._allowed(knobs), f(knobs.low), f(knobs.high),
+            f(knobs.relief * c.spacing), PROFILES[knobs.profile], heights,
+        )  # fmt: skip
+        return values * f(FULL_V), heights
+
+    def _place_needles(
+        self, state: State, rows: I64, uv: F32, knobs: AccretionParameters, now: float, colors: F32
+    ) -> None:
+        """Compute the rest values of needles' splats."""
+        assert isinstance(self._motif, Needles)
+        p, spacing = self._motif.prisms, self._carriers.spacing
+        grown = self._motif.grown(self._arrival(state, uv, knobs, now), now)
+        numbers = np.array(
+            [
+                knobs.relief * spacing, knobs.opacity, knobs.shade, knobs.gloss,
+                knobs.thickness * spacing, knobs.size,
+            ],
+            np.float32,
+        )  # fmt: skip
+        self._device.run(
+            prisms.facets, rows, state.memory[CARRIER], state.memory[LAYER], knobs.layers, p.site,
+            p.rank, p.count, p.bases, p.axes, p.lengths, p.radii, grown, numbers, _ramp(knobs),
+            self._light, state.rest_positions, state.rest_rotations, state.rest_scales,
+            state.rest_opacities, colors,
+        )  # fmt: skip
+
+    def _look_at(self, state: State, uv: F32, knobs: AccretionParameters, now: float) -> Look:
+        """Return the look of the motif."""
+        arrival = self._arrival(state, uv, knobs, now)
+        if self._motif is None:
+            seed = self._seed + MOTIF_SEED
+            self._motif = MOTIFS[knobs.motif](self._device, self._carriers, knobs.motif_size, seed)
+        return self._motif.at(arrival, now)
+
+    def _arrival(self, state: State, uv: F32, knobs: AccretionParameters, now: float) -> F32:
+        """Return the time at which front or pattern reached each carrier [s], shape (c,)."""
+        if ARRIVAL in state.globals:
+            arrival: F32 = state.globals[ARRIVAL]
+            return arrival
+        reached: F32 = state.globals[REACHED]
+        fresh = (uv[:, 1] > BEGIN * knobs.low) & np.isinf(reached)
+        if fresh.any():
+            reached = np.where(fresh, np.float32(now), reached)
+            state.globals[REACHED] = reached
+        return reached
+
+    def _tints(self, knobs: AccretionParameters, count: int) -> F32:
+        """Return the colour by which each piece's is multiplied, shape (count, 3)."""
+        every = np.array(knobs.tints, np.float32)
+        number = drawn(self._device, count, self._seed + MOTIF_SEED - 1) * len(every)
+        return np.asarray(every[number.astype(np.int64)], np.float32)
 
     def _allowed(self, knobs: AccretionParameters) -> F32:
         """Return the factor of the height of each carrier, shape (c,)."""
@@ -180,7 +272,7 @@ def _numbers(knobs: AccretionParameters, spacing: float) -> F32:
         [
             knobs.relief, knobs.size, knobs.thickness, knobs.opacity, knobs.jitter,
             math.radians(knobs.tilt), knobs.variation, knobs.shade, knobs.occlusion,
-            knobs.ramp_time, knobs.rise, spacing,
+            knobs.ramp_time, knobs.rise, spacing, knobs.gloss,
         ],
         np.float32,
     )  # fmt: skip

@@ -13,6 +13,7 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
+import numpy.typing as npt
 
 from usdsplat.core.cloud import F32, I32, I64, SplatCloud
 from usdsplat.core.progress import phase
@@ -22,6 +23,7 @@ from usdsplat.kernels.points.nearest import nearest
 from usdsplat.kernels.sim import carriers as kernels
 from usdsplat.sim.neighbors import Graph, Neighbors
 from usdsplat.sim.normals import FLAT, grown, oriented
+from usdsplat.sim.outside import outer_side
 from usdsplat.sim.parameters import NeighborsParameters, Parameters, SimParameters
 from usdsplat.sim.relaxing import relax, spacing
 from usdsplat.sim.specs import Moment, Recipe
@@ -119,7 +121,9 @@ class Carriers:
     positions: F32
     """Positions [unit], shape (c, 3)."""
     normals: F32
-    """Unit normals, all on the outer side of each connected part, shape (c, 3)."""
+    """Unit normals, on the outer side, shape (c, 3)."""
+    outer: npt.NDArray[np.bool_]
+    """Whether a carrier is on the outside, not inside the capture, shape (c,)."""
     dimension: F32
     """2 on surfaces, 3 where neighbours are all around, shape (c,)."""
     graph: Graph
@@ -137,6 +141,7 @@ class Carriers:
         seed: int = 0,
         target: float = 16.0,
         most: int = MOST,
+        up: tuple[float, float, float] | None = None,
     ) -> Carriers:
         """Distribute points evenly over a capture.
 
@@ -148,13 +153,14 @@ class Carriers:
             seed: Seed of the random numbers.
             target: Target number of neighbours of each carrier.
             most: Largest number of carriers.
+            up: Unit vector upwards in the capture's space; None if unknown.
         """
         rows = np.flatnonzero(_is_surface(cloud))
         ellipses = _Ellipses.of(cloud, rows)
         sample, closest = _sample(device, ellipses, distance, seed, most)
         even = _relax(device, sample, closest, seed, target, SWEEPS[0])
         priority = np.arange(len(even), dtype=np.float32)
-        even = even[_poisson_disk(device, even, priority, CLOSEST * closest)]
+        even = even[poisson_disk(device, even, priority, CLOSEST * closest)]
         even = _relax(device, even, closest, seed, target, SWEEPS[1])
         neighbors = Neighbors(device, NeighborsParameters(target=target, skin=0.0), seed=seed)
         graph = neighbors.update(even, fitted(neighbors, even, 2))
@@ -165,9 +171,14 @@ class Carriers:
         slots: I32 = np.arange(len(even), dtype=np.int32)
         graph = replace(graph, order=slots, rank=slots)  # slots are rows
         normals, surfaceness = grown(device, graph, np.zeros_like(even))
+        normals, outer = outer_side(
+            even, oriented(device, graph, normals), graph.rows, graph.neighbors,
+            PER_DISTANCE * closest, up,
+        )  # fmt: skip
         return cls(
             positions=even,
-            normals=oriented(device, graph, normals),
+            normals=normals,
+            outer=outer,
             dimension=np.where(surfaceness < FLAT, 3, 2).astype(np.float32),
             graph=graph,
             spacing=PER_DISTANCE * closest,
@@ -214,7 +225,7 @@ def carriers_of(device: Device, recipe: Recipe, uses: Uses, first: Moment) -> Ca
     with phase("carriers", work=len(recipe.rest)):
         return Carriers.of(
             device, recipe.rest, distance=distance, seed=p.sim.seed, target=p.neighbors.target,
-            most=most,
+            most=most, up=first.up,
         )  # fmt: skip
 
 
@@ -299,21 +310,33 @@ def _sample(
         distance /= PER_DISTANCE
     while True:
         points, priority = ellipses.points(device, distance, seed)
-        kept = _poisson_disk(device, points, priority, distance)
+        kept = poisson_disk(device, points, priority, distance)
         if len(kept) <= most:
             return points[kept], distance
         distance *= 1.01 * math.sqrt(len(kept) / most)
 
 
-def _poisson_disk(device: Device, points: F32, priority: F32, distance: float) -> I64:
+def poisson_disk(device: Device, points: F32, priority: F32, distance: float) -> I64:
     """Return the rows of points to keep, ascending, none closer than `distance` to another."""
     n = len(points)
     kept = np.zeros(n, np.bool_)
-    table = np.full(1 << math.ceil(math.log2(2 * n + 2)), -1, np.int32)
+    table = np.full(max(64, 1 << math.ceil(math.log2(n + 1))), -1, np.int32)
     following: I32 = device.empty(n, np.int32)
-    order = np.argsort(priority, kind="stable")
-    device.run(kernels.throw, points, order, distance, table, following, kept)
+    order = _ascending(priority)
+    device.run(kernels.throw, points, priority, order, distance, table, following, kept)
     return np.flatnonzero(kept)
+
+
+def _ascending(priority: F32) -> I64:
+    """Return the rows by ascending priority, none of them negative, then ascending.
+
+    Numbers whose upper half is the priority and whose lower half the row are sorted in half the
+    time of a stable sort.
+    """
+    keys = priority.view(np.uint32).astype(np.uint64) << np.uint64(32)
+    keys |= np.arange(len(priority), dtype=np.uint64)
+    keys.sort()
+    return (keys & np.uint64(0xFFFFFFFF)).view(np.int64)
 
 
 def _relax(

@@ -15,7 +15,7 @@ from usdsplat.kernels.sim import seeds as kernels
 from usdsplat.kernels.sim.geodesic import geodesics
 from usdsplat.sim.carriers import Carriers
 from usdsplat.sim.parameters import RdParameters
-from usdsplat.sim.seeds import SEED_RADIUS
+from usdsplat.sim.seeds import SEED_RADIUS, connected
 from usdsplat.sim.state import State
 
 ARRIVAL, PASSED = "front:arrival", "front:passed"
@@ -88,7 +88,27 @@ class Front:
         costs = (length / (self._parameters.front_speed * c.spacing)).astype(np.float32)
         costs[selection[graph.neighbors] <= 0] = np.inf
         found, _ = geodesics(self._device, graph.rows, graph.neighbors, costs, sources)
-        return found
+        return self._leapt(found, costs, selection)
+
+    def _leapt(self, found: F32, costs: F32, selection: F32) -> F32:
+        """Return times of arrival also for parts of the capture that nothing connects to others:
+        the front leaps to them from the nearest carrier, at its speed."""
+        c, graph = self._carriers, self._carriers.graph
+        part = connected(self._device, graph)
+        reached = np.isfinite(found)
+        left = np.flatnonzero(~np.isin(part, part[reached]) & (selection > 0))
+        if not len(left) or not reached.any():
+            return found
+        near, apart = nearest(self._device, c.positions[reached], c.positions[left], 1)
+        pace = 1 / (self._parameters.front_speed * c.spacing)
+        starts = found[reached][near[:, 0]] + pace * apart[:, 0]
+        order = np.lexsort((starts, part[left]))
+        first = order[np.unique(part[left][order], return_index=True)[1]]
+        others, _ = geodesics(
+            self._device, graph.rows, graph.neighbors, costs, left[first].astype(np.int64),
+            starts[first].astype(np.float32),
+        )  # fmt: skip
+        return np.minimum(found, others)
 
     def _seeds(self, selection: F32) -> I64:
         """Return the carriers from which the front starts."""

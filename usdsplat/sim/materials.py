@@ -43,6 +43,11 @@ MATERIALS: dict[str, dict[str, Any]] = {
 """Material -> knobs that differ from the defaults."""
 
 
+def breaks(knobs: MatterParameters) -> bool:
+    """Return whether matter with these resolved knobs breaks into pieces larger than grains."""
+    return knobs.enabled and knobs.grain > 1
+
+
 def resolved(parameters: MatterParameters) -> MatterParameters:
     """Return the knobs of the material; the parameters themselves if it is custom."""
     if parameters.material == "custom":

@@ -10,7 +10,9 @@ from usdsplat.core.cloud import F32, I32, SplatCloud
 from usdsplat.core.sh import dc_to_rgb
 from usdsplat.kernels.device import Device
 from usdsplat.sim.carriers import Binding, Carriers
+from usdsplat.sim.infill import Infill
 from usdsplat.sim.masks import Masks
+from usdsplat.sim.materials import breaks, resolved
 from usdsplat.sim.matter import Matter
 from usdsplat.sim.neighbors import nearest
 from usdsplat.sim.specs import Moment, Recipe, SkinBinding
@@ -89,6 +91,15 @@ class MatterField:
         colors = carrier_colors(device, recipe.rest, carriers)
         self.matter = Matter(device, carriers, self._recipe.selection, colors, first)
         """The carriers as particles."""
+        knobs = resolved(first.parameters.matter)
+        self.filling: Infill | None = None
+        """What fills pieces that break off; None for matter that does not break into pieces."""
+        if self.matter.pieces is not None and breaks(knobs):
+            ids = np.arange(len(recipe.rest)) if recipe.rest.ids is None else recipe.rest.ids
+            self.filling = Infill(
+                device, carriers, self.matter.pieces, colors=colors, origin=rows, ids=ids,
+                size=knobs.grain, seed=first.parameters.sim.seed,
+            )  # fmt: skip
 
     def bound(self, binding: Binding) -> Binding:
         """Return the carriers that splats follow: those of the same rigid piece, if there are

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from usdsplat.core.cloud import F32
+from usdsplat.core.findings import Finding
 from usdsplat.core.progress import phase
 from usdsplat.kernels.device import Device
 from usdsplat.sim.accretion import Accretion
@@ -14,6 +15,7 @@ from usdsplat.sim.carriers import Carriers, carriers_of
 from usdsplat.sim.contact import Contacts
 from usdsplat.sim.frame_state import FrameEvaluator, turned
 from usdsplat.sim.influence import Influences
+from usdsplat.sim.limits import limit_findings
 from usdsplat.sim.masks import Masks
 from usdsplat.sim.matter_field import MatterField
 from usdsplat.sim.neighbors import nearest
@@ -41,6 +43,8 @@ class Parts:
     contacts: Contacts
     influences: Influences
     evaluator: FrameEvaluator
+    findings: tuple[Finding, ...]
+    """What is done otherwise than asked; the path of each is that of the property."""
 
     @classmethod
     def of(cls, device: Device, recipe: Recipe, uses: Uses, first: Moment) -> Parts:
@@ -54,28 +58,32 @@ class Parts:
         """
         rest, is_fixed = recipe.rest, not (uses.grows or uses.varies)
         carriers = carriers_of(device, recipe, uses, first)
+        found = tuple(limit_findings(recipe, uses, first, carriers))
+        surface = carriers if carriers is not None and len(carriers) else None
         masks = Masks(device, is_fixed=is_fixed)
         accretion = matter = None
-        if uses.accretes and carriers is not None:
-            origin = nearest(device, rest.positions, carriers.positions, 1)[0][:, 0]
+        has_pattern = first.parameters.rd.domain == "carrier"
+        if uses.accretes and surface is not None and has_pattern:
+            origin = nearest(device, rest.positions, surface.positions, 1)[0][:, 0]
             own = np.arange(len(rest)) if rest.ids is None else rest.ids
             asked = recipe.selection
             weight = np.ones(len(rest), np.float32) if asked is None else asked
-            accretion = Accretion(device, carriers, origin, own, weight, first)
-        if uses.coheres and carriers is not None:
-            matter = MatterField(device, recipe, carriers, first)
-        measures = uses.collides and not uses.coheres
+            accretion = Accretion(device, surface, origin, own, weight, first)
+        if uses.coheres and surface is not None:
+            matter = MatterField(device, recipe, surface, first)
+        measures = uses.collides and matter is None
         strain = Strain(device, is_fixed=is_fixed) if measures else None
         return cls(
             carriers=carriers,
             masks=masks,
-            target_pose=TargetPose(device, recipe, first, masks, carriers),
+            target_pose=TargetPose(device, recipe, first, masks, surface),
             pattern=Pattern(device, rest, uses, first, carriers),
             accretion=accretion,
             matter=matter,
             contacts=Contacts(device),
             influences=Influences(device),
             evaluator=FrameEvaluator(device, strain, masks),
+            findings=found,
         )
 
     def begin(self, device: Device, state: State, first: Moment) -> None:

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from usdsplat.core.cloud import F32, I64
+from usdsplat.core.cloud import F32, I32, I64
 from usdsplat.kernels.device import Device
 from usdsplat.kernels.points.nearest import nearest
 from usdsplat.kernels.sim import reaction
@@ -78,17 +78,22 @@ def _in_every_part(
     device: Device, graph: Graph, density: float, drawn: F32, chosen: npt.NDArray[np.bool_]
 ) -> None:
     """Choose the point with the lowest random number in each large part without a nucleus."""
-    n = len(drawn)
-    label = np.full(n, -1, np.int32)
-    queue = np.empty(n, np.int32)
-    count = device.run(kernels.parts, graph.rows, graph.neighbors, queue, label)
-    part = label[graph.rank]
+    part = connected(device, graph)
+    count = int(part.max(initial=-1)) + 1
     sizes = np.bincount(part, minlength=count)
     missing = (sizes * density >= 0.5) & (np.bincount(part, chosen, count) == 0)
     order = np.argsort(drawn, kind="stable")
     order = order[missing[part[order]]]
     _, first = np.unique(part[order], return_index=True)
     chosen[order[first]] = True
+
+
+def connected(device: Device, graph: Graph) -> I32:
+    """Return the number of the connected part that each point belongs to, shape (n,)."""
+    n = len(graph.order)
+    label, queue = np.full(n, -1, np.int32), np.empty(n, np.int32)
+    device.run(kernels.parts, graph.rows, graph.neighbors, queue, label)
+    return label[graph.rank]
 
 
 def plant(device: Device, uv: F32, weight: F32) -> None:

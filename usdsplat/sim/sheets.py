@@ -15,7 +15,7 @@ from usdsplat.kernels.device import Device
 from usdsplat.kernels.points.nearest import nearest
 from usdsplat.kernels.sim import carriers as binding_kernels
 from usdsplat.kernels.sim import transport_map as kernels
-from usdsplat.sim.carriers import NEAREST, WIDEN, Binding, Carriers
+from usdsplat.sim.carriers import NEAREST, WIDEN, Binding, Carriers, poisson_disk
 from usdsplat.sim.normals import axes
 from usdsplat.sim.parameters import NeighborsParameters, Parameters, SimParameters
 from usdsplat.sim.relaxing import relax, spacing
@@ -213,13 +213,10 @@ def relaxed(device: Device, points: F32, apart: float, sweeps: int, goal: Goal) 
 
 def disk_sample(device: Device, points: F32, distance: float) -> I64:
     """Return the rows of points, ascending, of which none is closer than a distance to another."""
-    n = len(points)
-    order = np.argsort(np.modf(np.arange(n) * _GOLDEN[2])[0], kind="stable")
-    kept = np.zeros(n, np.bool_)
-    table = np.full(1 << math.ceil(math.log2(2 * n + 2)), -1, np.int32)
-    following: I32 = device.empty(n, np.int32)
-    device.run(binding_kernels.throw, points, order, distance, table, following, kept)
-    return np.flatnonzero(kept)
+    order = np.argsort(np.modf(np.arange(len(points)) * _GOLDEN[2])[0], kind="stable")
+    priority = np.empty(len(points), np.float32)
+    priority[order] = np.arange(len(points))
+    return poisson_disk(device, points, priority, distance)
 
 
 def _drawn(mesh: TargetMesh, count: int) -> F32:

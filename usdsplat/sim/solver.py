@@ -29,7 +29,7 @@ from usdsplat.sim.settle import SPEEDS, settle_back
 from usdsplat.sim.specs import Moment, Recipe
 from usdsplat.sim.state import FREE, Frame, State
 from usdsplat.sim.timeline import Step, Timeline
-from usdsplat.sim.turnover import accrete, breed, join
+from usdsplat.sim.turnover import accrete, breed, fill, join
 from usdsplat.sim.uses import Uses
 
 Lap = Callable[[str], None]
@@ -130,7 +130,7 @@ class Solver:
     @property
     def findings(self) -> tuple[Finding, ...]:
         """Findings about the parameters; the path of each is that of the property."""
-        return self._pattern.findings
+        return (*self._pattern.findings, *self._parts.findings)
 
     def advance(self) -> None:
         """Advance to the next frame."""
@@ -222,8 +222,8 @@ class Solver:
             before = self._recipe.at(line.time(state.step - 1))
             seconds = line.seconds(state.step - 1)
             self._targets = self._target_pose.at(state, before, seconds)[0]
-        if self._uses.joins:
-            self._join(after, line.seconds(state.step))
+        if self._uses.joins or self._uses.breaks:
+            self._admit(after, line.seconds(state.step))
         self._moment, self._last_on = after, state.step
         sim, step = after.parameters.sim, Step(self.seconds, self._dt, self._seed)
         now, dt = step.now, step.dt
@@ -266,10 +266,11 @@ class Solver:
             solid = self._matter.affectors(after)
             self._contact(state.positions.copy(), solid, solid)
 
-    def _join(self, moment: Moment, now: float) -> None:
-        """Let the splats of another capture join, when they begin to appear."""
+    def _admit(self, moment: Moment, now: float) -> None:
+        """Let splats join: those of another capture, and the filling of pieces that broke off."""
         state, n = self.state, len(self.state)
-        if not join(self._parts, state, moment, now):
+        joined = join(self._parts, state, moment, now)
+        if not fill(self._parts, state, now) and not joined:
             return
         self._masks.update(state, self._moment, self.seconds)
         self._targets = self._target_pose.at(state, self._moment, self.seconds)[0]

@@ -27,9 +27,13 @@ STYLES: dict[str, Style] = {
     "cells": Style(
         feed=0.030, kill=0.0585,
         knobs={
-            "low": 0.10, "high": 0.30, "relief": 2.4, "profile": "dome", "layers": 3,
-            "ramp": ((0.05, 0.10, 0.12), (0.16, 0.42, 0.45), (0.72, 0.88, 0.80)),
-            "occlusion": 0.9, "variation": 0.15,
+            "motif": "cells", "motif_size": 10.0, "relief": 3.4, "layers": 3, "size": 0.55,
+            "ramp": (
+                (0.02, 0.04, 0.05), (0.05, 0.30, 0.25), (0.50, 0.84, 0.56), (0.80, 1.0, 0.72),
+                (0.95, 1.05, 0.84), (0.50, 0.36, 0.55), (0.34, 0.14, 0.46),
+            ),
+            "tints": ((1.0, 1.0, 1.0), (0.86, 1.02, 0.90), (1.08, 1.02, 0.85), (0.85, 0.94, 1.1)),
+            "occlusion": 0.35, "shade": 0.55, "variation": 0.06, "gloss": 0.35, "jitter": 0.2,
         },
     ),
     # thick branches with light tips
@@ -44,9 +48,12 @@ STYLES: dict[str, Style] = {
     "veins": Style(
         feed=0.046, kill=0.063,
         knobs={
-            "low": 0.12, "high": 0.34, "relief": 1.5, "profile": "ridge", "layers": 2,
-            "size": 0.5, "ramp": ((0.10, 0.01, 0.05), (0.38, 0.02, 0.10), (0.80, 0.12, 0.16)),
-            "variation": 0.12, "jitter": 0.2, "tilt": 5.0,
+            "motif": "veins", "motif_size": 9.0, "relief": 4.2, "layers": 3, "size": 0.52,
+            "ramp": (
+                (0.16, 0.01, 0.12), (0.46, 0.03, 0.20), (0.80, 0.10, 0.22), (0.98, 0.36, 0.34),
+            ),
+            "variation": 0.04, "jitter": 0.1, "tilt": 3.0, "gloss": 0.5, "occlusion": 0.3,
+            "shade": 0.55,
         },
     ),
     # a soft cover of small tilted leaves, thickest on top
@@ -63,21 +70,30 @@ STYLES: dict[str, Style] = {
     "crystals": Style(
         feed=0.0367, kill=0.0649,
         knobs={
-            "low": 0.08, "high": 0.36, "relief": 6.0, "profile": "thorn", "layers": 4,
-            "size": 0.30, "thickness": 1.5, "jitter": 0.7, "tilt": 24.0, "variation": 0.5,
-            "opacity": 0.85, "occlusion": 0.5, "shade": 0.6,
-            "ramp": ((0.16, 0.22, 0.50), (0.42, 0.60, 0.92), (0.93, 0.97, 1.0)),
-            "ramp_by": "height",
+            "motif": "needles", "motif_size": 4.0, "relief": 20.0, "layers": 4, "size": 0.36,
+            "thickness": 0.06, "opacity": 0.96, "shade": 0.8, "gloss": 1.0,
+            "ramp": ((0.42, 0.36, 0.72), (0.66, 0.70, 1.0), (0.95, 0.98, 1.0)),
+            "tints": (
+                (1.0, 1.0, 1.0), (0.78, 0.95, 1.05), (0.95, 0.74, 1.1), (0.82, 0.80, 1.15),
+                (1.1, 1.05, 1.05),
+            ),
         },
     ),
     # flat pale plates that grow from their margins
     "lichen": Style(
         feed=0.039, kill=0.058,
         knobs={
-            "low": 0.10, "high": 0.16, "relief": 0.8, "profile": "plate", "layers": 2,
-            "size": 0.55, "thickness": 0.12, "jitter": 0.5, "tilt": 14.0, "variation": 0.35,
-            "ramp_by": "age", "ramp_time": 2.5,
-            "ramp": ((0.80, 0.76, 0.42), (0.60, 0.66, 0.44), (0.50, 0.55, 0.47)),
+            "motif": "plates", "motif_size": 20.0, "relief": 2.0, "layers": 2, "size": 0.45,
+            "thickness": 0.16, "jitter": 0.35, "tilt": 16.0, "variation": 0.3,
+            "ramp": (
+                (1.10, 1.10, 1.0), (1.05, 1.05, 0.92), (0.80, 0.82, 0.70), (0.88, 0.90, 0.78),
+                (0.45, 0.34, 0.20),
+            ),
+            "tints": (
+                (1.1, 0.66, 0.10), (1.1, 0.80, 0.22), (0.88, 1.0, 0.86), (0.95, 1.0, 0.95),
+                (0.72, 0.86, 0.62),
+            ),
+            "occlusion": 0.35, "shade": 0.5,
         },
     ),
 }  # fmt: skip

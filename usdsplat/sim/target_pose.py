@@ -17,6 +17,7 @@ from usdsplat.sim.carriers import Carriers
 from usdsplat.sim.conform import Conform
 from usdsplat.sim.conform_transport import TransportConform
 from usdsplat.sim.deform import deform
+from usdsplat.sim.limits import has_area
 from usdsplat.sim.masks import Masks
 from usdsplat.sim.morph import Morph
 from usdsplat.sim.skin import Skin
@@ -49,7 +50,7 @@ class TargetPose:
         if recipe.binding is not None:
             self._skin = Skin(device, recipe.binding, rest.positions, p.skin)
         self._conform: Conform | TransportConform | None = None
-        if first.target is None and first.becomes is None:
+        if first.target is None and (first.becomes is None or carriers is None):
             return
         ids = np.arange(len(rest)) if rest.ids is None else rest.ids
         selected = recipe.selection
@@ -59,7 +60,12 @@ class TargetPose:
                 device, rest, carriers, first.becomes,
                 ids=ids, select=select, order=first.order, parameters=p,
             )  # fmt: skip
-        elif carriers is not None and p.conform.mode == "transport":
+        elif (
+            carriers is not None
+            and first.target is not None
+            and p.conform.mode == "transport"
+            and has_area(first.target)
+        ):
             self._conform = TransportConform(
                 device, rest, carriers, ids=ids, select=select, order=first.order, parameters=p
             )

@@ -33,7 +33,7 @@ def accrete(parts: Parts, state: State, moment: Moment, step: Step) -> list[I64]
         return []
     knobs = styles.resolved(moment.parameters.accretion)
     uv: F32 = state.globals[UV]
-    carriers, rows = accretion.due(state, uv, knobs, moment.parameters.sim.max_count)
+    carriers, rows = accretion.due(state, uv, knobs, moment.parameters.sim.max_count, step.now)
     changes: list[I64] = []
     if len(rows):
         changes.append(np.concatenate([np.arange(len(state)), rows]))
@@ -42,6 +42,26 @@ def accrete(parts: Parts, state: State, moment: Moment, step: Step) -> list[I64]
         parts.target_pose.append_children(rows, state)
     accretion.shape(state, uv, knobs, step.now)
     return changes
+
+
+def fill(parts: Parts, state: State, now: float) -> bool:
+    """Fill the pieces that have broken off since the last time; return whether there are any.
+
+    Args:
+        parts: Parts of the solver.
+        state: All of its arrays may be replaced.
+        now: Time since the simulation's start [s].
+    """
+    filling = None if parts.matter is None else parts.matter.filling
+    if filling is None:
+        return False
+    chosen, rows = filling.due(state)
+    if not len(rows):
+        return False
+    population.append(state, rows, now=now)
+    filling.shape(state, chosen)
+    parts.target_pose.append_children(rows, state)
+    return True
 
 
 def join(parts: Parts, state: State, moment: Moment, now: float) -> bool:

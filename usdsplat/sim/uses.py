@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import reduce
 
+from usdsplat.sim.materials import breaks, resolved
 from usdsplat.sim.specs import Moment, Recipe
 
 
@@ -42,6 +43,8 @@ class Uses:
     """Whether splats are divided while they move."""
     coheres: bool = False
     """Whether splats follow matter."""
+    breaks: bool = False
+    """Whether matter breaks into pieces, which are filled."""
     transports: bool = False
     """Whether splats move onto a target by transport of the field's carriers."""
     joins: bool = False
@@ -98,6 +101,7 @@ def uses_at(moment: Moment, has_skin: bool) -> Uses:
     accretes = reacts and p.accretion.enabled
     has_target = moment.target is not None or moment.becomes is not None
     conforms = has_target and p.conform.weight > 0
+    filled = breaks(resolved(p.matter))
     asks = reacts or conforms or p.matter.enabled or p.dissolve.enabled
     refines = refine.enabled == "on" or (refine.enabled == "auto" and asks)
     return Uses(
@@ -106,19 +110,20 @@ def uses_at(moment: Moment, has_skin: bool) -> Uses:
         deforms=bool(moment.deformers) or has_skin or has_target,
         collides="collide" in roles,
         coheres=p.matter.enabled,
+        breaks=filled,
         transports=has_target and p.conform.mode == "transport",
         joins=moment.becomes is not None,
         reacts=reacts,
         grows=reacts and p.growth.rate != 0,
         breeds=breeds,
         accretes=accretes,
-        has_births=breeds or accretes,
+        has_births=breeds or accretes or filled,
         flies=p.particles.enabled or p.dissolve.enabled,
         dissolves=p.dissolve.enabled,
         needs_neighbors=breeds or p.growth.size_follow > 0 or "crowding" in sources,
         fades="opacity" in outputs or "opacity" in roles or p.appearance.keep_opacity,
         sizes=bool({"scale", "thickness"} & outputs) or p.growth.size_follow > 0,
-        colors="color" in outputs or accretes,
+        colors="color" in outputs or accretes or filled,
         needs_normals="displacement" in outputs
         or p.dissolve.enabled
         or (reacts and p.growth.rate != 0)

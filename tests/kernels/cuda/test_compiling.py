@@ -26,7 +26,7 @@ ON_THE_CPU = {
     "normals.density.deposit": "one thread for each grid, because sums depend on their order",
     "sim.bvh.build_order": "a tree is built top down, once for a mesh",
     "sim.bvh.fit_boxes": "from the leaves up, after it",
-    "sim.carriers.throw": "darts land one after the other, once for a simulation",
+    "sim.carriers.throw": "darts land after others, once for a simulation",
     "sim.distance_field.spread": "fronts that follow each other, once for a mesh",
     "sim.laplacian.merge": "rows that fill each other, only where a reaction conserves",
     "sim.laplacian.missing": "counts before that",

@@ -302,6 +302,22 @@ def test_an_array_that_begins_empty_is_a_warning_for_others(stage: Usd.Stage) ->
     assert not [f for f in validate(stage) if f.code == "empty-first"]
 
 
+@pytest.mark.parametrize("name", ["normals", "splat:confidence", "splat:occlusion"])
+@pytest.mark.parametrize(("count", "code"), [(17, "too-short"), (20, ""), (23, "too-long")])
+def test_normals_are_as_many_as_splats(stage: Usd.Stage, name: str, count: int, code: str) -> None:
+    """Oracle: the numbers; normals of splats that move without them are nobody's."""
+    prim = schema.author(stage, "/Splats", cloud(n=20))
+    up, ones = np.tile(np.float32([0, 1, 0]), (20, 1)), np.ones(20, np.float32)
+    schema.author_surface(prim, normals=up, confidence=ones, occlusion=ones)
+    attribute = prim.GetAttribute(f"primvars:{name}")
+    value = attribute.Get()
+    attribute.Set(type(value)([value[0]] * count))
+    findings = [(f.code, f.attribute) for f in validate(stage) if f.code != "no-color-space"]
+    assert findings == ([(code, f"primvars:{name}")] if code else [])
+    prim.GetAttribute("positions").Set(prim.GetAttribute("positions").Get(), 1)
+    assert not [f for f in validate(stage) if name in f.attribute]
+
+
 def test_what_is_compared_is_dated_by_what_changes(stage: Usd.Stage) -> None:
     """Oracle: 20 opacities that do not change, beside 20 centres at 1 and 21 at 2."""
     prim = schema.author(stage, "/Splats", cloud(n=20))

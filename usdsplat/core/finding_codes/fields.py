@@ -54,6 +54,31 @@ CODES: dict[str, Code] = {
         "splats stay larger than splatSim:refine:maxSize, because there are enough already",
         "increase splatSim:refine:budget or splatSim:refine:maxSize",
     ),
+    "no-carriers": Code(
+        "warning",
+        "a capture has too few splats on surfaces for matter or transport",
+        "simulate a capture of surfaces, or leave out matter and conform:mode transport",
+    ),
+    "flat-target": Code(
+        "warning",
+        "a mesh that splats conform to has no area",
+        "correct the mesh, or use conform:mode closest",
+    ),
+    "weak-matter": Code(
+        "warning",
+        "matter tears before it reaches its stretch limit",
+        "increase splatSim:matter:tear, or decrease splatSim:matter:stretch",
+    ),
+    "long-steps": Code(
+        "warning",
+        "steps of a simulation are too long to follow swings and fast affectors",
+        "increase splatSim:sim:substeps or the stage's timeCodesPerSecond",
+    ),
+    "vast-affector": Code(
+        "warning",
+        "an affector is far larger than the capture",
+        "correct its size, or the units of its asset",
+    ),
     "trapped-splats": Code(
         "warning",
         "splats remain inside affectors",

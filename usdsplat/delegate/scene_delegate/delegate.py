@@ -16,16 +16,17 @@ from usdsplat.core.errors import StageError, UsageError, UsdSplatError
 from usdsplat.core.findings import Finding, finding, from_error
 from usdsplat.delegate.dirty_bits import DirtyBits
 from usdsplat.delegate.instancing import NO_INSTANCES, InstancerSpec, Placement
+from usdsplat.delegate.live_clouds import LiveClouds
 from usdsplat.delegate.render_index import RenderIndex
 from usdsplat.delegate.rprim import Rprim
 from usdsplat.delegate.scene_delegate import placing
 from usdsplat.delegate.scene_delegate.cameras import camera_findings, read_camera
 from usdsplat.delegate.scene_delegate.crops import read_crop
 from usdsplat.delegate.scene_delegate.dependencies import Dependencies
-from usdsplat.delegate.scene_delegate.fields import read_field
 from usdsplat.delegate.scene_delegate.geometry import Context
 from usdsplat.delegate.scene_delegate.instancers import read_instancer
 from usdsplat.delegate.scene_delegate.lights import read_light
+from usdsplat.delegate.scene_delegate.live_fields import LiveFields
 from usdsplat.delegate.scene_delegate.lod_items import LodItems
 from usdsplat.delegate.scene_delegate.meshes import MeshReader
 from usdsplat.delegate.scene_delegate.notices import Changes, NoticeListener
@@ -35,7 +36,7 @@ from usdsplat.delegate.scene_delegate.problem_kinds import UNREADABLE
 from usdsplat.delegate.scene_delegate.readings import Readings, Sources
 from usdsplat.delegate.scene_delegate.reconcile import reconcile
 from usdsplat.delegate.scene_delegate.skeletons import Skeletons
-from usdsplat.delegate.scene_delegate.stage_info import read_stage_info
+from usdsplat.delegate.scene_delegate.stage_info import first_frame, read_stage_info
 from usdsplat.delegate.scene_delegate.textures import Textures
 from usdsplat.delegate.scene_delegate.trees import Chunks
 from usdsplat.delegate.scene_delegate.unsupported import findings_on_light, findings_on_prims
@@ -74,7 +75,7 @@ class UsdSceneDelegate:
         self.stage = stage
         self.pulls: Counter[str] = Counter()
         """Number of reads so far, by kind."""
-        self.time = _first_frame(stage) if time == "first" else time
+        self.time = first_frame(stage) if time == "first" else time
         self._applied_time = self.time
         self._purposes = frozenset(purposes)
         self._index = index
@@ -85,6 +86,7 @@ class UsdSceneDelegate:
         self._skeletons = Skeletons()
         self._readings = Readings(stage)
         self._chunks = Chunks()
+        self._live = LiveFields()
         self._meshes: dict[str, MeshReader] = {}
         self._said: set[str] = set()
         self._varying: dict[str, DirtyBits] = {}
@@ -152,6 +154,10 @@ class UsdSceneDelegate:
         self._chunks.update(path, self._population.fields.get(path), node, cloud)
         self._index.tracker.mark(path, DirtyBits.PRIMVAR)
 
+    def show_live(self, live: LiveClouds | None) -> None:
+        """Implement `Engine.show_live`."""
+        self._live.live = live
+
     def close(self) -> None:
         """Stop listening and release every prim."""
         self._notices.close()
@@ -191,6 +197,8 @@ class UsdSceneDelegate:
         if self.time != self._applied_time:
             self._mark_time(to_or_from_default=None in (self.time, self._applied_time))
             self._applied_time = self.time
+        for path in self._live.changed(self.time):
+            self._index.tracker.mark(path, DirtyBits.PRIMVAR)
         self._xforms = UsdGeom.XformCache(self._code)
 
     def _populate(self) -> None:
@@ -243,9 +251,9 @@ class UsdSceneDelegate:
     def field(self, path: str) -> FieldSpec | None:
         """Implement `SceneDelegate.field`."""
         prim = self._population.fields[path].prim
-        spec = self._pull("field", path, partial(read_field, prim, self.time), None)
-        wrong = [] if spec is None or is_points(prim) else errors_of_drawn(prim, self.time)
-        self._remark("values", path, *wrong)
+        spec = self._pull("field", path, partial(self._live.read, path, prim, self.time), None)
+        is_read = spec is not None and self._live.cloud(path) is None and not is_points(prim)
+        self._remark("values", path, *(errors_of_drawn(prim, self.time) if is_read else ()))
         return spec
 
     def tree(self, path: str, bits: DirtyBits) -> TreeSpec | None:
@@ -291,19 +299,19 @@ class UsdSceneDelegate:
     def transforms(self, path: str) -> tuple[tuple[F64, ...], ...]:
         """Implement `SceneDelegate.transforms`."""
         self.pulls["transforms"] += 1
-        frame: Callable[[Usd.Prim], Usd.Prim] = _itself
-        if path in self._population.meshes:
-            sources = Sources(self.stage, DirtyBits.TRANSFORM)
-            frame = partial(self._skeletons.frame, sources=sources)
+        sources = Sources(self.stage, DirtyBits.TRANSFORM)
+        is_mesh = path in self._population.meshes
         wrong: list[Finding] = []
         found: list[tuple[F64, ...]] = []
         for each in self._appearances(path):
+            frame = each.levels[-1].prim
             try:
-                found.append(placing.transforms(each, frame(each.levels[-1].prim), self._xforms))
+                frame = self._skeletons.frame(frame, sources=sources) if is_mesh else frame
+                found.append(placing.transforms(each, frame, self._xforms))
             except StageError as error:
                 wrong = [from_error("bad-transform", error)]
                 found.append((NOWHERE,) * len(each.levels))
-        if path in self._population.meshes and self._readings.put(path, "transforms", sources):
+        if is_mesh and self._readings.put(path, "transforms", sources):
             self._varying.pop(path, None)
         finite = all(np.isfinite(matrix).all() for levels in found for matrix in levels)
         if not wrong and not finite:
@@ -383,16 +391,6 @@ class UsdSceneDelegate:
         if str(why) != str(before):
             LOG.warning("left out: %s", why)
         return unusable
-
-
-def _itself(prim: Usd.Prim) -> Usd.Prim:
-    """Return the prim itself: it has its own transform."""
-    return prim
-
-
-def _first_frame(stage: Usd.Stage) -> float | None:
-    """Return the first frame of the stage's range; None, the default time, without a range."""
-    return stage.GetStartTimeCode() if stage.HasAuthoredTimeCodeRange() else None
 
 
 def _checked_refinement(levels: int) -> int:

@@ -8,6 +8,7 @@ import numpy as np
 from pxr import Usd
 
 from usdsplat import schema
+from usdsplat.core.cloud import SplatCloud
 from usdsplat.delegate.scene_delegate.points import is_points, read_points
 from usdsplat.images.color import color_space
 from usdsplat.images.grade import grade_matrix
@@ -32,9 +33,31 @@ def read_field(prim: Usd.Prim, time: float | None) -> FieldSpec | None:
     """
     if is_points(prim):
         return read_points(prim, time)
+    return read_cloud(prim, time, schema.fetch(prim, time), packed=_packed(prim, time))
+
+
+def read_cloud(
+    prim: Usd.Prim,
+    time: float | None,
+    cloud: SplatCloud,
+    *,
+    packed: PackedSpec | None = None,
+    moves: bool = False,
+) -> FieldSpec | None:
+    """Read how a field's splats are drawn; None if there are none.
+
+    Args:
+        prim: A splat field.
+        time: Time code.
+        cloud: Its splats at this time.
+        packed: Its packed arrays.
+        moves: Whether these splats move although the stage has only some of their samples.
+
+    Raises:
+        UsdSplatError: If the field cannot be drawn.
+    """
     space = schema.color_space(prim)
     color_space(space, where=f"{prim.GetPath()} color space")
-    cloud = schema.fetch(prim, time)
     if not len(cloud):
         return None
     mode, footprint = cast(RasterizeMode, schema.rasterize_mode(prim)), schema.footprint(prim)
@@ -46,16 +69,16 @@ def read_field(prim: Usd.Prim, time: float | None) -> FieldSpec | None:
         projection_mode=cast(ProjectionMode, schema.projection_mode(prim)),
         sorting_mode=cast(SortingMode, schema.sorting_mode(prim)),
         grade=grade_matrix(schema.grade(prim, time), space),
-        packed=_packed(prim, time),
-        surface=_surface(prim, len(cloud), time),
+        packed=packed,
+        surface=_surface(prim, len(cloud), time, moves=moves),
         lighting=cast(LightingMode, schema.lighting_mode(prim)),
         is_catcher=schema.is_shadow_catcher(prim),
     )
 
 
-def _surface(prim: Usd.Prim, count: int, time: float | None) -> SurfaceSpec | None:
+def _surface(prim: Usd.Prim, count: int, time: float | None, *, moves: bool) -> SurfaceSpec | None:
     """Return the authored normals; None if there are none, or if the splats move without them."""
-    if not schema.has_normals(prim):
+    if not schema.has_normals(prim, moves=moves):
         return None
     found = schema.fetch_surface(prim, count, time)
     if found.normals is None:

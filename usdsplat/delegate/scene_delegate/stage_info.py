@@ -11,6 +11,11 @@ from usdsplat.delegate.stage_info import StageInfo
 from usdsplat.schema.value_clips import clip_files, file_of, layers_without_clips
 
 
+def first_frame(stage: Usd.Stage) -> float | None:
+    """Return the first frame of the stage's range; None, the default time, without a range."""
+    return stage.GetStartTimeCode() if stage.HasAuthoredTimeCodeRange() else None
+
+
 def read_stage_info(stage: Usd.Stage, placed: Iterable[Placement]) -> StageInfo:
     """Return the rates, the unit and the files of a stage, and the names of what can be drawn.
 

@@ -7,57 +7,29 @@ of threads, or on how the inputs are divided into runs.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import reduce
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import cast
 
 import numpy as np
-from pxr import Sdf, Usd, UsdGeom
 
-from usdsplat import __version__, schema
-from usdsplat.core import axes
-from usdsplat.core.errors import FormatError, StageError, UsageError
+from usdsplat.core.errors import FormatError, OutputError, StageError, UsageError
 from usdsplat.core.findings import Finding
 from usdsplat.core.lock import output_lock
-from usdsplat.core.node_table import NODE_SPLATS, NodeTable
+from usdsplat.core.node_table import NODE_SPLATS
 from usdsplat.core.progress import Progress, silent
 from usdsplat.core.sh import MAX_DEGREE
 from usdsplat.core.wording import said_bytes
-from usdsplat.interchange import files
-from usdsplat.interchange.authoring import axes_text, prepare
-from usdsplat.interchange.gathering import widened
-from usdsplat.interchange.lod.chunks import ChunkForm, chunk_name
-from usdsplat.interchange.lod.coarse import COARSE, ROOT, referring, write_coarse
-from usdsplat.interchange.lod.coarse import FILE as COARSE_FILE
 from usdsplat.interchange.lod.inputs import open_source
-from usdsplat.interchange.lod.measuring import ErrorMeter
-from usdsplat.interchange.lod.nodes import NodeBuilder, chunk_numbers
+from usdsplat.interchange.lod.nodes import TreePart
 from usdsplat.interchange.lod.options import LOD, LodOptions, LodReport
 from usdsplat.interchange.lod.partition import partition
 from usdsplat.interchange.lod.placing import TreeFiles
-from usdsplat.interchange.lod.sorting import sort_inputs
-from usdsplat.interchange.lod.sources import Source, splat_bytes
-from usdsplat.interchange.lod.survey import Meeting, Survey, meet
-from usdsplat.interchange.lod.tables import assemble
+from usdsplat.interchange.lod.runs import Runs, has_run
+from usdsplat.interchange.lod.sorting import planned_runs, write_runs
+from usdsplat.interchange.lod.tree_job import TreeJob
 from usdsplat.interchange.lod.work_folder import WorkFolder
-from usdsplat.interchange.models import FIELD, author_model
-from usdsplat.interchange.placement import (
-    Placement,
-    define_ancestors,
-    identifier,
-    placement,
-    set_default_prim,
-    set_op,
-)
-from usdsplat.interchange.provenance import Provenance, fingerprint, joined_bounds, record
 from usdsplat.kernels.devices import open_device
-from usdsplat.render.specs import RasterizeMode
-from usdsplat.schema.lod_root_authoring import name_lod_root
-from usdsplat.schema.packing import harmonics_width
-from usdsplat.schema.stage_values import up_axis
-from usdsplat.schema.tree import author_digests, author_tree
 
 LEAST_LEAF, LEAST_MEMORY = 256, 768 << 20
 """Smallest size of leaves [splat], smallest limit of memory [byte]."""
@@ -109,7 +81,7 @@ def build_tree(
     with output_lock(target):
         folder = WorkFolder(target, [file for each in inputs for file in each.files], options)
         try:
-            job = _Job.prepared(inputs, folder, options, progress)
+            job = TreeJob.prepared(inputs, folder, options, progress)
             report = job.build(tree_files, progress)
         except (FormatError, StageError, UsageError) as error:
             if not (folder.is_continued and isinstance(error, UsageError)):
@@ -122,225 +94,78 @@ def build_tree(
     return replace(report, findings=findings)
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class _Job:
-    """The building of a tree whose inputs are surveyed."""
+def begin_tree(
+    sources: Sequence[Path | str],
+    target: Path,
+    *,
+    options: LodOptions = LOD,
+    progress: Progress = silent,
+) -> None:
+    """Survey the inputs of a tree, the first step of a building in parts.
 
-    inputs: Sequence[Source]
-    surveys: Sequence[Survey]
-    meeting: Meeting
-    folder: WorkFolder
-    options: LodOptions
+    The steps of `build_part` follow, and then `build_tree`, which does what is left. Arguments and
+    errors are those of `build_tree`.
+    """
+    with output_lock(target):
+        _opened_job(sources, target, options, progress)
 
-    @classmethod
-    def prepared(
-        cls,
-        inputs: Sequence[Source],
-        folder: WorkFolder,
-        options: LodOptions,
-        progress: Progress,
-    ) -> _Job:
-        """Survey the inputs, or take the stored surveys."""
-        surveys = folder.surveys()
-        if surveys is None:
-            surveys, held = [], 0
-            for done, each in enumerate(inputs):
-                progress.step("reading inputs", done, len(inputs))
-                surveys.append(each.survey(progress if len(inputs) == 1 else silent))
-                held += surveys[-1].count * splat_bytes(surveys[-1].degree)
-                if held > options.memory_limit // 4:
-                    each.release()
-            meet(surveys, sh_degree=options.sh_degree, pixel=options.pixel)
-            folder.store(surveys)
-        meeting = meet(surveys, sh_degree=options.sh_degree, pixel=options.pixel)
-        return cls(inputs=inputs, surveys=surveys, meeting=meeting, folder=folder, options=options)
 
-    def build(self, tree_files: TreeFiles, progress: Progress) -> LodReport:
-        """Build the tree and return the report, without findings."""
-        meeting, folder, options = self.meeting, self.folder, self.options
-        stage, placed = self._stage()
-        runs, dropped = sort_inputs(
-            self.inputs, self.surveys, meeting, folder, options.memory_limit, progress
-        )
-        if not runs.counts.sum():
-            raise StageError(self.surveys[0].name, "no splat that can be drawn", "one or more")
-        root = partition(runs, options.leaf_splats)
-        runs.unmap()
-        device = open_device(task="geometry")
-        done, total = 0, root.span.count
+def build_part(
+    sources: Sequence[Path | str],
+    target: Path,
+    part: TreePart,
+    *,
+    sorts: bool,
+    options: LodOptions = LOD,
+    progress: Progress = silent,
+) -> None:
+    """Do a part of a building that was begun. Other processes may do other parts meanwhile.
 
-        def told(splats: int) -> None:
-            nonlocal done
-            done += splats
-            progress.step("building levels", done, total)
+    Args:
+        sources, target, options, progress: Those of `build_tree`.
+        part: The part.
+        sorts: Whether runs are sorted, rather than chunks made of all sorted runs.
 
-        told(0)
-        NodeBuilder(
-            runs=runs,
-            root=root,
-            folder=folder.chunks,
-            form=self._form(stage),
-            pixel=meeting.pixel,
-            most=options.leaf_splats,
-            device=device,
-            told=told,
-        ).build()
-        table, sizes, digests = assemble(root, folder.chunks)
-        meter = ErrorMeter(
-            table=table,
-            sizes=sizes,
-            folder=folder.chunks,
-            degree=meeting.degree,
-            pixel=meeting.pixel,
-            captured_mode=cast(RasterizeMode, meeting.drawing.rasterize_mode),
-            device=device,
-        )
-        table = replace(table, errors=meter.errors(progress))
-        notes = list(meeting.notes)
-        if dropped:
-            why = "a number is not finite or the rotation is zero"
-            notes.append(f"splats dropped because {why}: {dropped}")
-        progress.step("writing", 0, 1)
-        chunks = [folder.chunks / chunk_name(n) for n in range(len(chunk_numbers(root)) + 1)]
-        coarse = write_coarse(
-            folder.chunks / COARSE_FILE,
-            table,
-            chunks,
-            self._form(stage),
-            degree=meeting.degree,
-        )
-        prim = self._authored(stage, placed, table, digests, tree_files, notes)
-        layer = referring(
-            stage.GetRootLayer(),
-            prim.GetPath().ReplaceName(COARSE),
-            tree_files.asset(COARSE_FILE),
-        )
-        tree_files.place(layer, [*chunks, folder.chunks / COARSE_FILE])
-        progress.step("writing", 1, 1)
-        return self._report(prim, placed, table, tree_files, coarse, notes)
+    Raises:
+        UsdSplatError: As `build_tree` does.
+        OutputError: If no building was begun with these inputs and options, or it is not sorted.
+    """
+    with output_lock(target.with_name(f"{target.name}.{part.number}-{part.count}")):
+        job = _opened_job(sources, target, options, progress, is_begun=True)
+        runs = planned_runs(job.surveys, job.meeting, job.folder, options.memory_limit)
+        if sorts:
+            taken = {path: rows for i, (path, rows) in enumerate(runs.items()) if part.takes(i)}
+            write_runs(taken, job.inputs, job.meeting, progress)
+            return
+        if not all(map(has_run, runs)):
+            raise OutputError(str(target), "a building whose splats are not sorted", _SORTED)
+        found = Runs(list(runs), job.meeting.degree)
+        if found.counts.sum():
+            root = partition(found, options.leaf_splats)
+            found.unmap()
+            stage, _ = job.stage()
+            job.builder(found, root, stage, open_device(task="geometry"), progress).build_part(part)
 
-    def _stage(self) -> tuple[Usd.Stage, Placement]:
-        """Return a stage for the tree, and the map from the tree's coordinates to it."""
-        first, options = self.surveys[0], self.options
-        own = {frame: axis for axis, frame in axes.UP_AXIS_FRAME.items()}
-        up = own.get(first.frame, "Y") if files.is_usd(self.inputs[0].path) else "Y"
-        unit = options.meters_per_unit or self.meeting.meters_per_unit
-        stage = Usd.Stage.CreateInMemory()
-        prepare(stage, options.up_axis or up, unit)
-        return stage, placement(stage, self.meeting.frame, self.meeting.meters_per_unit)
 
-    def _form(self, stage: Usd.Stage) -> ChunkForm:
-        """Return what all chunks have in common."""
-        return ChunkForm(
-            up_axis=up_axis(stage),
-            meters_per_unit=UsdGeom.GetStageMetersPerUnit(stage),
-            color_space=self.meeting.color_space,
-            drawing=self.meeting.drawing,
-        )
+def _opened_job(
+    sources: Sequence[Path | str],
+    target: Path,
+    options: LodOptions,
+    progress: Progress,
+    *,
+    is_begun: bool = False,
+) -> TreeJob:
+    """Open the inputs and the folder of a building."""
+    _check(options)
+    inputs = [open_source(Path(path), options) for path in sources]
+    read = [file for each in inputs for file in each.files]
+    TreeFiles.of(target, read)
+    if is_begun and not WorkFolder.is_begun(target, read, options):
+        raise OutputError(str(target), "no building with these inputs and options", _BEGUN)
+    return TreeJob.prepared(inputs, WorkFolder(target, read, options), options, progress)
 
-    def _authored(
-        self,
-        stage: Usd.Stage,
-        placed: Placement,
-        table: NodeTable,
-        digests: Sequence[str],
-        tree_files: TreeFiles,
-        notes: Sequence[str],
-    ) -> Usd.Prim:
-        """Author the prims of the tree, and beside them the prim of its coarse levels. Return the
-        prim of the tree."""
-        model = Sdf.Path.absoluteRootPath.AppendChild(identifier(tree_files.target.stem))
-        path = model.AppendChild(FIELD)
-        chunks = [tree_files.asset(chunk_name(n)) for n in range(int(table.chunk.max()) + 1)]
-        define_ancestors(stage, path)
-        prim = author_tree(
-            stage,
-            path,
-            table,
-            chunks,
-            degree=self.meeting.degree,
-            color_space=self.meeting.color_space,
-            drawing=self.meeting.drawing,
-            pixel=self.meeting.pixel,
-        )
-        author_digests(prim, digests)
-        beside = UsdGeom.Xform.Define(stage, path.ReplaceName(COARSE)).GetPrim()
-        for each in (prim, beside):
-            set_op(each, placed.matrix)
-        name_lod_root(prim, beside.GetPath().AppendChild(ROOT))
-        set_default_prim(stage, path)
-        author_model(prim, tree_files.target)
-        record(prim, self._provenance(stage, placed, notes))
-        return prim
 
-    def _provenance(self, stage: Usd.Stage, placed: Placement, notes: Sequence[str]) -> Provenance:
-        """Return the record of the origin of the tree."""
-        first = self.surveys[0]
-        unit = self.meeting.meters_per_unit
-        files_read = dict.fromkeys(file for each in self.surveys for file in each.files)
-        return Provenance(
-            source=" + ".join(each.path.name for each in self.inputs),
-            sha256=fingerprint([Path(file) for file in files_read]),
-            format=" + ".join(dict.fromkeys(each.format for each in self.surveys)),
-            reader=f"usdsplat {__version__}",
-            frame=self.meeting.frame,
-            frame_source=self.meeting.frame_source,
-            frame_score=None,
-            axes=axes_text(placed, baked=False),
-            meters_per_unit=UsdGeom.GetStageMetersPerUnit(stage) if unit is None else unit,
-            unit_source="assumed" if unit is None else first.unit_source,
-            sh_degree=self.meeting.degree,
-            edits=(),
-            error_bounds=self._error_bounds(),
-            notes=tuple(notes),
-        )
-
-    def _error_bounds(self) -> dict[str, str]:
-        """Return the maximum error of the splats of leaves, by field of the cloud."""
-        bounds: list[Mapping[str, str]] = [each.error_bounds for each in self.surveys]
-        read = reduce(widened, bounds)
-        return joined_bounds(read, schema.error_bounds("packed"))
-
-    def _report(
-        self,
-        prim: Usd.Prim,
-        placed: Placement,
-        table: NodeTable,
-        tree_files: TreeFiles,
-        coarse: tuple[int, ...],
-        notes: Sequence[str],
-    ) -> LodReport:
-        """Return the report of a tree that is in place."""
-        leaves = table.child_count == 0
-        splats = int(table.proxies[leaves].sum() + table.residents.sum())
-        errors = table.errors[~leaves]
-        return LodReport(
-            sources=tuple(str(each.path) for each in self.inputs),
-            target=str(tree_files.target),
-            prim_path=str(prim.GetPath()),
-            splats=splats,
-            degree=self.meeting.degree,
-            nodes=len(table),
-            leaves=int(leaves.sum()),
-            levels=len(table.levels()),
-            chunks=int(table.chunk.max()) + 1,
-            residents=int(table.residents.sum()),
-            size=sum(
-                (tree_files.folder / chunk_name(number)).stat().st_size
-                for number in range(int(table.chunk.max()) + 1)
-            ),
-            coarse=coarse,
-            coarse_size=(tree_files.folder / COARSE_FILE).stat().st_size,
-            leaf_size=splats * (28 + 16 * harmonics_width(self.meeting.degree)),
-            pixel=self.meeting.pixel,
-            errors=(float(errors.min()), float(errors.max())) if len(errors) else (0.0, 0.0),
-            frame=self.meeting.frame,
-            axes=axes_text(placed, baked=False),
-            meters_per_unit=UsdGeom.GetStageMetersPerUnit(prim.GetStage()),
-            continued=self.folder.is_continued,
-            error_bounds=self._error_bounds(),
-            notes=tuple(notes),
-        )
+_BEGUN, _SORTED = "one: --step begin", "all parts sorted before: --step sort"
 
 
 def _check(options: LodOptions) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from usdsplat.core.cloud import F64, I64, SplatCloud
+from usdsplat.core.errors import UsageError
 from usdsplat.interchange.decimating import level
 from usdsplat.interchange.lod import chunks, levels
 from usdsplat.interchange.lod.chunks import ChunkForm, ChunkNodes, chunk_name, joined, taken
@@ -16,6 +18,8 @@ from usdsplat.interchange.lod.partition import Branch
 from usdsplat.interchange.lod.runs import Runs
 from usdsplat.kernels.device import Device
 
+SHARES = 4
+"""Least number of subtrees of a part of a building."""
 TOP_SPLATS = 4096
 """Largest number of proxies of the root: a chain of nodes above the first one ends there."""
 
@@ -81,6 +85,17 @@ class NodeBuilder:
             chain.insert(0, self._merged(whole if is_baked else self._baked(whole), below))
         self._write(0, chain, has_leaves=is_leaf, strays=chain[0].strays)
 
+    def build_part(self, part: TreePart) -> None:
+        """Make the chunks of a part, which other processes do not make.
+
+        Raises:
+            OutputError: If a file cannot be written.
+        """
+        numbers = chunk_numbers(self.root)
+        for branch in part.branches(self.root):
+            if not chunks.is_finished(self._path(numbers[id(branch)])):
+                self._chunk(branch, numbers)
+
     def _node(self, branch: Branch, numbers: dict[int, int]) -> Node:
         """Make a node, after all below it."""
         if not branch.children:
@@ -95,17 +110,12 @@ class NodeBuilder:
                 high=np.full(3, -np.inf),
                 size=0.0,
             )
-        number = numbers[id(branch)]
-        path = self._path(number)
+        path = self._path(numbers[id(branch)])
         if chunks.is_finished(path):
             drawn, nodes = chunks.read_chunk(path), chunks.read_nodes(path)
             self.told(branch.span.count)
         else:
-            below = [self._node(child, numbers) for child in branch.children]
-            strays = joined([node.strays for node in below])
-            has_leaves = any(not child.children for child in branch.children)
-            drawn, nodes = self._write(number, below, has_leaves=has_leaves, strays=strays)
-            self.told(sum(each.span.count for each in branch.children if not each.children))
+            drawn, nodes = self._chunk(branch, numbers)
         counts = nodes.proxies + nodes.residents
         parts = [
             part if child.children else self._baked(part)
@@ -123,6 +133,15 @@ class NodeBuilder:
             high=nodes.high.max(axis=0),
             size=merged.size,
         )
+
+    def _chunk(self, branch: Branch, numbers: dict[int, int]) -> tuple[SplatCloud, ChunkNodes]:
+        """Make the chunk of the children of a node, after all chunks below it."""
+        below = [self._node(child, numbers) for child in branch.children]
+        strays = joined([node.strays for node in below])
+        has_leaves = any(not child.children for child in branch.children)
+        written = self._write(numbers[id(branch)], below, has_leaves=has_leaves, strays=strays)
+        self.told(sum(each.span.count for each in branch.children if not each.children))
+        return written
 
     def _merged(self, whole: SplatCloud, below: Node | None) -> Node:
         """Return the node whose proxies stand for splats; `below` is its only child, if any."""
@@ -169,6 +188,47 @@ class NodeBuilder:
     def _path(self, number: int) -> Path:
         """Return the path of a chunk."""
         return self.folder / chunk_name(number)
+
+
+@dataclass(frozen=True, slots=True)
+class TreePart:
+    """A share of a building, which is divided into `count` parts."""
+
+    number: int
+    """1 to `count`."""
+    count: int
+
+    @classmethod
+    def parse(cls, text: str) -> TreePart:
+        """Return the value of `--part`, K/N.
+
+        Raises:
+            UsageError: If it is anything else.
+        """
+        match = re.fullmatch(r"(\d{1,4})/(\d{1,4})", text)
+        if not match or not 1 <= int(match[1]) <= int(match[2]):
+            raise UsageError("--part", repr(text), "K/N with K from 1 to N, such as 1/8")
+        return cls(int(match[1]), int(match[2]))
+
+    def takes(self, index: int) -> bool:
+        """Return whether this part does the work with this number, from 0."""
+        return index % self.count == self.number - 1
+
+    def branches(self, root: Branch) -> list[Branch]:
+        """Return the inner nodes whose chunks, and those below, are made by this part.
+
+        They do not overlap. Each has at most a `SHARES`th of a part's splats, so that parts are
+        alike in size; chunks above them are left.
+        """
+        most = root.span.count / (self.count * SHARES)
+        found, open_nodes = [], [root]
+        while open_nodes:
+            branch = open_nodes.pop()
+            if branch.span.count <= most and branch.children:
+                found.append(branch)
+            else:
+                open_nodes.extend(reversed(branch.children))
+        return [branch for index, branch in enumerate(found) if self.takes(index)]
 
 
 def chunk_numbers(root: Branch) -> dict[int, int]:

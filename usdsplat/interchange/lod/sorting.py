@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -73,14 +74,34 @@ def sort_inputs(
         memory: Limit of memory [byte].
         progress: Receives the number of splats.
     """
-    most = max(LEAST_ROWS, memory // SHARE // splat_bytes(meeting.degree))
     total = sum(survey.count for survey in surveys)
-    divided = list(pieces(surveys, most))
-    names = [f"{number:05}_{most}" for number in range(len(divided))]
-    folder.remove_other_runs(names)
-    paths = [folder.runs / name for name in names]
-    done = 0
-    for path, piece in zip(paths, divided, strict=True):
+    runs = planned_runs(surveys, meeting, folder, memory)
+    folder.remove_other_runs(path.name for path in runs)
+    write_runs(runs, sources, meeting, progress)
+    found = Runs(list(runs), meeting.degree)
+    return found, total - int(found.counts.sum())
+
+
+def planned_runs(
+    surveys: Sequence[Survey], meeting: Meeting, folder: WorkFolder, memory: int
+) -> dict[Path, list[Rows]]:
+    """Return the path of each run, with the splats that are sorted in it.
+
+    Args are those of `sort_inputs`.
+    """
+    most = max(LEAST_ROWS, memory // SHARE // splat_bytes(meeting.degree))
+    return {
+        folder.runs / f"{number:05}_{most}": piece
+        for number, piece in enumerate(pieces(surveys, most))
+    }
+
+
+def write_runs(
+    runs: Mapping[Path, list[Rows]], sources: Sequence[Source], meeting: Meeting, progress: Progress
+) -> None:
+    """Write those runs that do not exist, and release the inputs."""
+    done, total = 0, sum(rows.last - rows.first for piece in runs.values() for rows in piece)
+    for path, piece in runs.items():
         progress.step("sorting splats", done, total)
         if not has_run(path):
             write_run(path, _read(sources, piece, meeting), meeting.cube)
@@ -88,8 +109,6 @@ def sort_inputs(
     progress.step("sorting splats", total, total)
     for source in sources:
         source.release()
-    runs = Runs(paths, meeting.degree)
-    return runs, total - int(runs.counts.sum())
 
 
 def _read(sources: Sequence[Source], piece: Sequence[Rows], meeting: Meeting) -> SplatCloud:

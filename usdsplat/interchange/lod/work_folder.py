@@ -43,10 +43,10 @@ class WorkFolder:
 
     def __init__(self, target: Path, inputs: Sequence[Path], options: LodOptions) -> None:
         final = Path(os.path.realpath(target))
-        self.path = final.with_name(f".{final.name}.building")
+        self.path = _building(final)
         self.runs, self.chunks = self.path / _RUNS, self.path / _CHUNKS
         job = _job(inputs, options)
-        self.is_continued = _read(self.path / _JOB) == job
+        self.is_continued = self.is_begun(target, inputs, options)
         """Whether an interrupted building is continued."""
         try:
             if not self.is_continued:
@@ -58,6 +58,13 @@ class WorkFolder:
             raise OutputError(str(target), found, "a folder where folders can be made") from error
         if not self.is_continued:
             _write(self.path / _JOB, job)
+
+    @staticmethod
+    def is_begun(target: Path, inputs: Sequence[Path], options: LodOptions) -> bool:
+        """Return whether there is an unfinished building with these inputs and options."""
+        final = Path(os.path.realpath(target))
+        known = _read(_building(final) / _JOB)
+        return bool(known == _job(inputs, options))
 
     def surveys(self) -> list[Survey] | None:
         """Return the stored surveys, or None."""
@@ -84,6 +91,10 @@ class WorkFolder:
         kept = [each for each in self.path.rglob("*") if each.is_file() and each.name != _JOB]
         if all(is_private(each.parent.name) for each in kept):
             self.remove()
+
+
+def _building(final: Path) -> Path:
+    return final.with_name(f".{final.name}.building")
 
 
 def _job(inputs: Sequence[Path], options: LodOptions) -> Any:

@@ -57,6 +57,15 @@ def capability() -> Capability | None:
     return major.value, minor.value
 
 
+def gpu_count() -> int:
+    """Return the number of GPUs that the driver shows to this process; 0 without a driver."""
+    if capability() is None:
+        return 0
+    count = ctypes.c_int(0)
+    driver = ctypes.CDLL("nvcuda.dll" if sys.platform == "win32" else "libcuda.so.1")
+    return count.value if driver.cuDeviceGetCount(ctypes.byref(count)) == 0 else 0
+
+
 @functools.cache
 def obstacle() -> tuple[str, str] | None:
     """Return the reason why kernels cannot run on a GPU here, as (found, expected), or None."""

@@ -29,8 +29,8 @@ VALLEY = np.float32(0.9)
 """Depth below the surroundings, in distances of carriers, at which matter is darkest."""
 (
     RELIEF, SIZE, THICKNESS, OPACITY, JITTER, TILT, VARIATION, SHADE, OCCLUSION, RAMP_TIME, RISE,
-    SPACING,
-) = range(12)  # fmt: skip
+    SPACING, GLOSS,
+) = range(13)  # fmt: skip
 """Entries of the numbers that `discs` takes; lengths are in distances of carriers."""
 
 
@@ -147,7 +147,8 @@ def discs(
         ramp_by: One of BY_V, BY_HEIGHT, BY_AGE, BY_CURVATURE. ramp: Colours, shape (COLORS, 3) f32.
         light: Unit vector to the light, shape (3,) f32.
         places, normals: Positions and unit normals of the carriers at rest, shape (c, 3) f32.
-        values, heights, facing, over: v, and results of `raise_carriers` and `face`, by carrier.
+        values, heights, facing, over: Place on the ramp, height [unit], and results of `face`, by
+            carrier.
         positions, rotations, scales, opacities, colors: Receive the discs, n rows.
     """
     i = rows[k]
@@ -187,7 +188,7 @@ def discs(
     opacities[i] = numbers[OPACITY] * eased
     stands = over[c] / (VALLEY * spacing)
     if ramp_by == BY_V:
-        at = values[c] * np.float32(2.5)
+        at = values[c]
     elif ramp_by == BY_HEIGHT:
         at = heights[c] / full
     elif ramp_by == BY_AGE:
@@ -202,6 +203,7 @@ def discs(
     dark = min(max(HALF - HALF * stands, ZERO), ONE) + np.float32(0.5) * depth
     bright *= max(ONE - numbers[OCCLUSION] * min(dark, ONE), ZERO)
     bright *= ONE + HALF * numbers[VARIATION] * (TWO * h - ONE)
+    glint = numbers[GLOSS] * toward ** np.float32(12) * (ONE - min(dark, ONE))
     for channel in range(3):
         color = ramp[first, channel] * (ONE - mix) + ramp[first + 1, channel] * mix
-        colors[i, channel] = min(max(color * bright, ZERO), np.float32(4))
+        colors[i, channel] = min(max(color * bright + glint, ZERO), np.float32(4))

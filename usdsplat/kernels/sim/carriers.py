@@ -8,8 +8,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numba import prange
 
-from usdsplat.kernels.jit import scalar, serial
+from usdsplat.kernels.jit import parallel, scalar
 from usdsplat.kernels.launch import kernel
 from usdsplat.kernels.sim.grid import squared_distance
 from usdsplat.kernels.sim.laplacian import falloff
@@ -17,6 +18,17 @@ from usdsplat.kernels.sim.philox import CARRIERS, uniforms
 
 ZERO, ONE = np.float32(0), np.float32(1)
 TURN = np.float32(2 * math.pi)
+AROUND = np.array(
+    sorted(
+        ((x, y, z) for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1)),
+        key=lambda step: sum(map(abs, step)),
+    )
+)
+"""A cell and its neighbours, the nearest first: most points that are too close are in the first."""
+BLOCK = 1 << 9
+"""Number of rows that a thread takes at once."""
+BATCH = 1 << 12
+"""Number of points in the first batch of `throw`; each later one is twice as large."""
 
 
 # --- 1. mathematics: one point ----------------------------------------------------------
@@ -24,9 +36,28 @@ TURN = np.float32(2 * math.pi)
 
 @scalar
 def bucket(x, y, z, mask):
-    """Return the hash table entry of cell (x, y, z); several cells may share one."""
-    mixed = (x * 73856093) ^ (y * 19349663) ^ (z * 83492791)
-    return (mixed ^ (mixed >> 15)) & mask
+    """Return the hash table entry of cell (x, y, z); several cells may share one. Those of a block
+    of 4 x 4 x 4 cells are beside each other in memory."""
+    mixed = ((x >> 2) * 73856093) ^ ((y >> 2) * 19349663) ^ ((z >> 2) * 83492791)
+    mixed = (mixed ^ (mixed >> 15)) << 6
+    return (mixed + ((x & 3) << 4) + ((y & 3) << 2) + (z & 3)) & mask
+
+
+@scalar
+def is_free(i, positions, size, nearest, head, following):
+    """Return whether no kept point is closer to point `i` than the root of `nearest`."""
+    px, py, pz = positions[i, 0], positions[i, 1], positions[i, 2]
+    cx, cy, cz = math.floor(px * size), math.floor(py * size), math.floor(pz * size)
+    for step in range(27):
+        x, y, z = cx + AROUND[step, 0], cy + AROUND[step, 1], cz + AROUND[step, 2]
+        j = head[bucket(x, y, z, len(head) - 1)]
+        while j >= 0:
+            if squared_distance(
+                px, py, pz, positions[j, 0], positions[j, 1], positions[j, 2]
+            ) < nearest:  # fmt: skip
+                return False
+            j = following[j]
+    return True
 
 
 # --- 2. loops ---------------------------------------------------------------------------
@@ -51,38 +82,42 @@ def scatter(i, centres, long, short, ids, first, seed, out, priority):
         priority[e] = c if e == first[i] else ONE + c
 
 
-@serial(writes=("head", "following", "kept"))
-def throw(positions, order, distance, head, following, kept):
+@parallel(writes=("head", "following", "kept"))
+def throw(positions, priority, order, distance, head, following, kept):
     """Keep, in the given order, each point that is at least `distance` from all points kept before.
 
-    positions: float32 (n, 3). order: int64 (n,), a permutation or a part of one.
-    head: int32 (2^b,), initially -1, and following: int32 (n,): scratch, linked lists of the kept
-    points of each cell.
+    Of a batch of points, all threads first drop those that are too close to points of earlier
+    batches, row by row, since neighbours in space often are neighbours in memory. One thread looks
+    at the few that are left, in order.
+
+    positions: float32 (n, 3). priority: float32 (n,). order: int64 (n,), the rows by ascending
+    priority.
+    head: int32 (2^b,), b at least 6, initially -1, and following: int32 (n,): scratch, linked lists
+    of the kept points of each cell.
     kept: bool (n,), initially False, receives the result.
     """
-    mask = len(head) - 1
     size = 1.0 / np.float64(distance)
     nearest = np.float32(distance * distance)
-    for i in order:
-        px, py, pz = positions[i, 0], positions[i, 1], positions[i, 2]
-        cx, cy, cz = math.floor(px * size), math.floor(py * size), math.floor(pz * size)
-        free = True
-        for x in range(cx - 1, cx + 2):
-            for y in range(cy - 1, cy + 2):
-                for z in range(cz - 1, cz + 2):
-                    j = head[bucket(x, y, z, mask)] if free else -1
-                    while j >= 0:
-                        if squared_distance(
-                            px, py, pz, positions[j, 0], positions[j, 1], positions[j, 2]
-                        ) < nearest:  # fmt: skip
-                            free = False
-                            break
-                        j = following[j]
-        if free:
-            kept[i] = True
-            own = bucket(cx, cy, cz, mask)
-            following[i] = head[own]
-            head[own] = i
+    free = np.ones(len(order), np.bool_)
+    first, batch, above = 0, BATCH, np.float32(-1)
+    while first < len(order):
+        last = min(first + batch, len(order))
+        below = priority[order[last - 1]]
+        for block in prange((len(order) + BLOCK - 1) // BLOCK):
+            for i in range(block * BLOCK, min((block + 1) * BLOCK, len(order))):
+                if above < priority[i] <= below:
+                    free[i] = is_free(i, positions, size, nearest, head, following)
+        for e in range(first, last):
+            i = order[e]
+            if free[i] and is_free(i, positions, size, nearest, head, following):
+                kept[i] = True
+                x = math.floor(positions[i, 0] * size)
+                y = math.floor(positions[i, 1] * size)
+                z = math.floor(positions[i, 2] * size)
+                own = bucket(x, y, z, len(head) - 1)
+                following[i] = head[own]
+                head[own] = i
+        first, batch, above = last, 2 * batch, below
 
 
 @kernel(over="near", writes=("weights",))

@@ -39,6 +39,11 @@ class Gate:
         """Whether work may run."""
         return self._frames > 0 and not self._is_stopped
 
+    @property
+    def is_endless(self) -> bool:
+        """Whether work may run without limit."""
+        return math.isinf(self._frames)
+
     def open(self, frames: float = math.inf) -> None:
         """Let work run for a number of frames."""
         with self._changed:

@@ -1,4 +1,4 @@
-"""A simulation that shows its frames on the stage as they are computed."""
+"""A simulation whose frames are drawn as they are computed."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class LiveRun(Job):
     ) -> None:
         super().__init__(host, device, changed)
         self.layer: LiveLayer | None = None
-        """Layer of the frames; access only with the stage's lock."""
+        """The frames; access only with the stage's lock."""
         self.refined: Sdf.Layer | None = None
         """Layer of refined captures, below that of the frames."""
         self.frame: float | None = None
@@ -78,6 +78,11 @@ class LiveRun(Job):
             watch = Watch(self._host.stage, self._refused)
         try:
             self._play(watch)
+        except Exception:
+            if self.layer is not None:  # what was computed stays
+                with self._reading:
+                    self.layer.author()
+            raise
         finally:
             watch.close()
 
@@ -109,14 +114,14 @@ class LiveRun(Job):
                     watch.look()
                 simulation.advance()
             shown = first + number
-            values = [
-                value
-                for path in simulation.recipes
-                for value in layer.made(path, simulation.frame(path))
-            ]
-            with self._reading:
-                layer.write(shown, values)
-            del values
+            layer.put(shown, {path: simulation.frame(path) for path in simulation.recipes})
+            is_last = self.end is not None and number == count - 1
+            if layer.is_empty or layer.is_over or is_last or not self.gate.is_endless:
+                with self._reading:
+                    if layer.is_over and not (layer.is_empty or is_last):
+                        layer.trim()
+                    else:
+                        layer.author()
             now = time.perf_counter()
             self.frame, self.frames = shown, layer.frames
             self.splats = sum(len(solver.state) for solver in simulation.solvers.values())

@@ -1,15 +1,18 @@
-"""Frames of a running simulation on a stage: an anonymous sublayer of the session layer.
+"""Frames of a running simulation: values while it plays, and an anonymous sublayer of the session
+layer.
 
-Like a bake, it holds only attributes that the simulation changes, sampled at the frames' times, so
-that one can go back in time. If that exceeds a memory budget, the oldest frames are dropped. Unlike
-a bake it has no velocities, and large harmonics are stored as half: they take most of the memory,
-and USD fills its arrays while holding the GIL.
+A frame is kept as it was computed, and pictures at its time are drawn from it. All frames are
+authored when the simulation pauses or ends, or when a picture or a recording needs the stage at
+another time. Like a bake, the layer holds only attributes that the simulation changes, sampled at
+the frames' times, so that one can go back in time; both ways give the same picture, to the bit. If
+values and samples together exceed a memory budget, the oldest frames are dropped. Unlike a bake it
+has no velocities.
 """
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -18,12 +21,15 @@ import numpy.typing as npt
 from pxr import Sdf, Usd, UsdGeom, Vt
 
 from usdsplat import schema
+from usdsplat.core.cloud import SplatCloud
+from usdsplat.delegate.live_clouds import LiveClouds
+from usdsplat.products.live import LiveHistory
 from usdsplat.render.memory import free
-from usdsplat.schema import tokens
-from usdsplat.schema.vt import to_vt
+from usdsplat.schema import stock, tokens
+from usdsplat.schema.vt import as_float32, to_vt
 from usdsplat.sim.parameters import BakeParameters
 from usdsplat.sim.stage.bake_dense import KINDS, stored
-from usdsplat.sim.stage.plan import BakedField, Plan, plan
+from usdsplat.sim.stage.plan import ARRAYS, BakedField, plan
 from usdsplat.sim.stage.sample_layer import SampleLayer, sampled
 from usdsplat.sim.stage.trees import author_replacement
 from usdsplat.sim.state import Frame
@@ -35,8 +41,6 @@ BUDGET = 2_000_000_000
 """Maximum memory of frames [byte]."""
 SHARE = 0.25
 """Maximum fraction of the free memory."""
-LARGE = 64_000_000
-"""Size from which harmonics are stored as half [byte]."""
 _PARAMETERS = BakeParameters(mode="dense", velocities=False)
 _HARMONICS = (tokens.SH_COEFFICIENTS, tokens.SH_COEFFICIENTS_HALF)
 _KINDS = {
@@ -62,7 +66,9 @@ class Value:
 
 
 class LiveLayer:
-    """The live layer of all fields of a simulation.
+    """The frames of all fields of a simulation.
+
+    `put` belongs to the simulation's thread; all else is for whoever holds the stage's lock.
 
     Args:
         stage: Stage whose session layer gets the new sublayer, which is empty at first.
@@ -78,7 +84,7 @@ class LiveLayer:
     ) -> None:
         self._stage = stage
         self._budget = budget_now() if budget is None else budget
-        self._plans = {field.path: _plan(stage, field) for field in fields}
+        self._plans = {field.path: plan(stage, field, _PARAMETERS) for field in fields}
         self._sampled = {
             field.path: frozenset(field.writes)
             if field.is_fixed
@@ -87,9 +93,14 @@ class LiveLayer:
         }
         self._counted = {field.path: not field.is_fixed for field in fields}
         self._last: dict[tuple[str, str], tuple[Array, Any]] = {}
+        self._moving = frozenset(path for path, said in self._plans.items() if said.moves)
+        self._values = LiveHistory({field.path: field.rest for field in fields})
+        self._shown: tuple[LiveClouds, LiveClouds] | None = None
+        """The value that was drawn last: as it was put, and as it is drawn."""
         self._times: deque[float] = deque()
         self._sizes: deque[int] = deque()
         self._size = 0
+        self._has_begun = False
         self._layer = Sdf.Layer.CreateAnonymous("live.usda")
         self._layer.timeCodesPerSecond = stage.GetTimeCodesPerSecond()
         stage.GetSessionLayer().subLayerPaths.insert(0, self._layer.identifier)
@@ -102,16 +113,126 @@ class LiveLayer:
     @property
     def frames(self) -> tuple[float, float] | None:
         """First and last available frame [time code]."""
-        return (self._times[0], self._times[-1]) if self._times else None
+        times = (*self._times, *self._values.times)
+        return (times[0], times[-1]) if times else None
 
     @property
     def size(self) -> int:
         """Memory of all frames [byte]."""
-        return self._size
+        return self._size + self._values.bytes
 
-    def made(self, path: str, frame: Frame) -> list[Value]:
-        """Convert a field's frame to USD values; needs no lock, and takes most of the time."""
-        said, cloud = self._plans[path], frame.cloud
+    @property
+    def is_over(self) -> bool:
+        """Whether there are frames to be dropped."""
+        return self.size > self._budget
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether nothing was authored yet."""
+        return not self._has_begun
+
+    def put(self, time: float, frames: Mapping[str, Frame]) -> None:
+        """Keep a frame of all fields as a value; needs no lock.
+
+        Args:
+            time: Time of the frame, after the existing ones [time code].
+            frames: By path of the field.
+        """
+        clouds = {path: self._kept(path, each.cloud) for path, each in frames.items()}
+        self._values.put(LiveClouds(time=time, clouds=clouds, moving=self._moving))
+
+    def shown_at(self, time: float | None) -> LiveClouds | None:
+        """Return what to draw in place of the stage at a time; None if the stage has it.
+
+        Frames are authored if the stage needs them at this time.
+        """
+        if time is None or not self._values.times:
+            return None
+        found = self._values.at(time)
+        if found is None or not self._counts():
+            if not self._times or time > self._times[-1]:
+                self.author()
+            return None
+        if self._shown is None or self._shown[0] is not found:
+            clouds = {path: self._drawn(path, each) for path, each in found.clouds.items()}
+            self._shown = found, replace(found, clouds=clouds)
+        return self._shown[1]
+
+    def author(self) -> None:
+        """Author all frames that are still values, and release these."""
+        part, self._shown = SampleLayer(self._layer), None
+        with Sdf.ChangeBlock():
+            for frame in self._values.take():
+                values = [
+                    value
+                    for path, cloud in frame.live.clouds.items()
+                    for value in self._made(path, cloud)
+                ]
+                if not self._has_begun:
+                    self._begin(part, values)
+                for each in values:
+                    name = f"{each.path}.{each.name}"
+                    self._layer.SetTimeSample(name, frame.live.time, each.value)
+                self._times.append(frame.live.time)
+                self._sizes.append(sum(each.bytes for each in values))
+                self._size += self._sizes[-1]
+        self.trim()
+
+    def trim(self) -> None:
+        """Drop the oldest frames beyond the budget; two are kept in any case."""
+        while self.is_over and len(self._times) + len(self._values.times) > 2:
+            if self._times:
+                self._forget()
+            else:
+                self._values.forget()
+
+    def remove(self) -> None:
+        """Remove the layer from the stage; requires its lock."""
+        self._last.clear()
+        for _ in self._values.take():
+            pass
+        while self._times:
+            self._forget()  # one by one, so that other threads can run
+        self._layer.Clear()
+        session = self._stage.GetSessionLayer()
+        if self.identifier in list(session.subLayerPaths):
+            session.subLayerPaths.remove(self.identifier)
+
+    # --- private ---------------------------------------------------------------------------
+
+    def _kept(self, path: str, cloud: SplatCloud) -> SplatCloud:
+        """Return a frame with the capture's own arrays where it is the same."""
+        rest = self._plans[path].rest
+        kept = {name: getattr(rest, name) for name in ARRAYS if name not in self._sampled[path]}
+        if not self._counted[path]:
+            kept["ids"] = rest.ids
+        return replace(cloud, velocities=None, **kept)
+
+    def _drawn(self, path: str, cloud: SplatCloud) -> SplatCloud:
+        """Return a frame as it would be read from the layer."""
+        said, halves = self._plans[path], tokens.HALF_OF.values()
+        found: dict[str, Any] = {
+            array: as_float32(stored(name, getattr(cloud, array)).astype(np.float16))
+            for array, name in said.names.items()
+            if name in halves
+        }
+        turned = found.get("rotations", cloud.rotations)
+        return replace(cloud, **{**found, "rotations": stock.unit(turned)})
+
+    def _counts(self) -> bool:
+        """Return whether no opinion on the stage is stronger than this layer."""
+        for path, said in self._plans.items():
+            prim = self._stage.GetPrimAtPath(path)
+            for array, name in said.names.items():
+                if array in self._sampled[path]:
+                    stack = prim.GetAttribute(name).GetPropertyStack() if prim else ()
+                    if not stack or stack[0].layer != self._layer:
+                        return False
+        return True
+
+    def _made(self, path: str, cloud: SplatCloud) -> list[Value]:
+        """Convert a field's frame to USD values; this takes most of the time."""
+        said = self._plans[path]
         found = [
             self._value(path, name, getattr(cloud, array))
             for array, name in said.names.items()
@@ -124,37 +245,6 @@ class LiveLayer:
             found.append(self._value(path, tokens.IDS, cloud.ids))
         return found
 
-    def write(self, time: float, values: Sequence[Value]) -> None:
-        """Write a frame of all fields; requires the stage's lock.
-
-        Args:
-            time: Time of the frame, after the existing ones [time code].
-            values: Result of `made`.
-        """
-        part = SampleLayer(self._layer)
-        with Sdf.ChangeBlock():
-            if not self._times:
-                self._begin(part, values)
-            for each in values:
-                self._layer.SetTimeSample(f"{each.path}.{each.name}", time, each.value)
-        self._times.append(time)
-        self._sizes.append(sum(each.bytes for each in values))
-        self._size += self._sizes[-1]
-        while self._size > self._budget and len(self._times) > 2:
-            self._forget()
-
-    def remove(self) -> None:
-        """Remove the layer from the stage; requires its lock."""
-        self._last.clear()
-        while self._times:
-            self._forget()  # one by one, so that other threads can run
-        self._layer.Clear()
-        session = self._stage.GetSessionLayer()
-        if self.identifier in list(session.subLayerPaths):
-            session.subLayerPaths.remove(self.identifier)
-
-    # --- private ---------------------------------------------------------------------------
-
     def _value(self, path: str, name: str, value: Array) -> Value:
         """Convert a value to USD; reuse that of the last frame for an identical array."""
         kind, vt = _KINDS[name]
@@ -162,8 +252,7 @@ class LiveLayer:
         last = self._last.get((path, name))
         if last is not None and last[0] is value:
             return Value(path=path, name=name, kind=kind, value=last[1], elements=elements)
-        rows = stored(name, value.reshape(-1, 3) if value.ndim == 3 else value)
-        made = to_vt(rows, vt)
+        made = to_vt(stored(name, _rows(value)), vt)
         if value.ndim == 3:
             self._last[path, name] = value, made
         size = np.asarray(made).nbytes
@@ -171,6 +260,7 @@ class LiveLayer:
 
     def _begin(self, part: SampleLayer, values: Sequence[Value]) -> None:
         """Write constant attributes, and declare the varying ones."""
+        self._has_begun = True
         for path, said in self._plans.items():
             part.prim(path, said.retype)
             if said.retype:
@@ -188,10 +278,6 @@ class LiveLayer:
             spec = _declared(part, each)
             if self._plans[each.path].retype and each.name == tokens.POSITIONS:
                 spec.default = Sdf.ValueBlock()  # other types' arrays have no default value
-            if each.name == tokens.SH_COEFFICIENTS_HALF:
-                # An empty array disables the full-precision attribute.
-                kind, vt = KINDS[tokens.SH_COEFFICIENTS]
-                part.attribute(each.path, tokens.SH_COEFFICIENTS, kind).default = vt()
 
     def _forget(self) -> None:
         """Remove the oldest frame."""
@@ -207,13 +293,9 @@ def budget_now() -> float:
     return min(BUDGET, SHARE * known) if known else BUDGET
 
 
-def _plan(stage: Usd.Stage, field: BakedField) -> Plan:
-    """Return the plan of a bake for a field, with large varying harmonics as half."""
-    found = plan(stage, field, _PARAMETERS)
-    changes = "sh" in field.writes or not field.is_fixed
-    if changes and "sh" in found.names and field.rest.sh.nbytes > LARGE:
-        return replace(found, names={**found.names, "sh": tokens.SH_COEFFICIENTS_HALF})
-    return found
+def _rows(value: Array) -> Array:
+    """Return an array as USD has it: harmonics as rows of colours."""
+    return value.reshape(-1, 3) if value.ndim == 3 else value
 
 
 def _declared(part: SampleLayer, value: Value) -> Sdf.AttributeSpec:

@@ -1,8 +1,8 @@
 """Run, pause, step, reset and record the simulations of a document.
 
 runner = Runner(document)
-runner.run()                    # writes frames to the stage, and wakes the document
-runner.pause()
+runner.run()                    # computes frames, and wakes the document, which draws them
+runner.pause()                  # the frames so far are on the stage
 runner.step()                   # one frame
 runner.record("bake.usda")      # the same bits as `usdsplat simulate`
 runner.reset()                  # restores the stage
@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Literal
 
 from usdsplat.core.output import Existing
+from usdsplat.delegate.live_clouds import LiveClouds
 from usdsplat.kernels.devices import open_device
 from usdsplat.preview.simulating.job import Host, Job
 from usdsplat.preview.simulating.live import LiveRun
@@ -41,8 +42,9 @@ class Runner:
     Args:
         document: Document of the stage.
         device, threads: As for `open_device`.
-        budget: Maximum memory of frames on the stage [byte]; beyond it the oldest are dropped. None
-            is 2 GB, or a quarter of the free memory at the start of a run, if that is less.
+        budget: Maximum memory of frames, as values and on the stage [byte]; beyond it the oldest
+            are dropped. None is 2 GB, or a quarter of the free memory at the start of a run, if
+            that is less.
         is_paced: Whether a run is limited to the stage's playback rate.
 
     Raises:
@@ -120,6 +122,7 @@ class Runner:
         job = self._current()
         if job is not None:
             job.gate.hold()
+        self.author()
         self._tell()
 
     def reset(self) -> None:
@@ -150,6 +153,7 @@ class Runner:
         self._end_recording()
         if self._live is not None:
             self._live.gate.hold()
+            self.author()
         with self._document.lock:
             recording = Recording(
                 self._document,
@@ -163,6 +167,18 @@ class Runner:
             )
         self._recording = recording
         self._start(recording)
+
+    def shown_at(self, time: float | None) -> LiveClouds | None:
+        """Return what to draw in place of the stage at a time; requires the stage's lock."""
+        live = self._live
+        return None if live is None or live.layer is None else live.layer.shown_at(time)
+
+    def author(self) -> None:
+        """Author the frames of a run that were only drawn so far."""
+        live = self._live
+        if live is not None and live.layer is not None:
+            with self._document.lock:
+                live.layer.author()
 
     def look(self) -> None:
         """Update whether the stage has simulations, after its prims have changed."""

@@ -14,6 +14,7 @@ from usdsplat.core.cloud import F32
 from usdsplat.core.findings import Finding, Severity
 from usdsplat.core.wording import counted
 from usdsplat.schema import attributes, stock, tokens
+from usdsplat.schema.surface_primvars import has_normals
 from usdsplat.schema.validation.finding import Sample
 from usdsplat.schema.validation.value_types import actual_type, expected_type
 
@@ -77,6 +78,10 @@ def lengths(sample: Sample) -> Iterator[Finding]:
         values = sample.array(name)
         if values is not None and len(values):
             yield from _length(sample, name, n, "readers ignore it")
+    if has_normals(sample.prim):
+        for name in (tokens.NORMALS, tokens.CONFIDENCE, tokens.OCCLUSION):
+            if sample.array(f"primvars:{name}") is not None:
+                yield from _length(sample, f"primvars:{name}", n, "readers compute it")
 
 
 def values(sample: Sample) -> Iterator[Finding]:

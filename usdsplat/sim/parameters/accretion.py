@@ -22,6 +22,17 @@ class AccretionParameters:
         "light and maxLayers",
         uniform=True,
     )
+    motif: Literal["pattern", "cells", "veins", "plates", "needles"] = knob(
+        "pattern",
+        "what shapes new matter behind the front: the pattern itself, packed cells, branching "
+        "tubes, lobed plates, or groups of needles; all but the first ignore low, high and profile "
+        "where a front spreads",
+        uniform=True,
+    )
+    motif_size: float = knob(
+        10.0, "distance of cells, ends of veins, plates or needles, in distances of carriers",
+        range=(2.0, 1000.0), uniform=True,
+    )  # fmt: skip
     low: float = knob(0.08, "v at which matter begins to rise", range=(0.0, 1.0))
     high: float = knob(0.28, "v at which it is raised fully", range=(0.0, 1.0))
     relief: float = knob(
@@ -55,8 +66,8 @@ class AccretionParameters:
     )  # fmt: skip
     ramp_by: Literal["v", "height", "age", "curvature"] = knob(
         "v",
-        "what the colour follows: the pattern, the height, the time since birth over rampTime, or "
-        "how far a disc stands out from its surroundings",
+        "what the colour follows: the pattern or the motif, the height, the time since birth over "
+        "rampTime, or how far a disc stands out from its surroundings",
     )
     ramp_time: float = knob(3.0, "age at the end of the ramp", unit="s", range=(1e-6, INF))
     ramp: tuple[tuple[float, float, float], ...] = knob(
@@ -64,8 +75,17 @@ class AccretionParameters:
         "colours of the ramp, evenly spaced, in the field's colour space",
         usd_type="color3f[]",
     )
+    tints: tuple[tuple[float, float, float], ...] = knob(
+        (),
+        "colours of which one is drawn for each cell, plate or needle, and multiplies the ramp's; "
+        "without any, all have the ramp's",
+        usd_type="color3f[]",
+    )
     shade: float = knob(
         0.75, "part of the brightness that depends on the direction to light", range=(0.0, 1.0)
+    )
+    gloss: float = knob(
+        0.0, "strength of highlights where new matter faces the light", range=(0.0, 4.0)
     )
     light: tuple[float, float, float] = knob(
         (0.35, 0.8, 0.5),

@@ -17,7 +17,9 @@ _ASSIGNMENT = re.compile(r"(?:(/[^.=]+)\.)?([A-Za-z]\w*(?::\w+)+)=(.*)")
 _BOOLS = {"1": True, "true": True, "on": True, "0": False, "false": False, "off": False}
 
 
-def override(stage: Usd.Stage, text: str, *, layer: Sdf.Layer | None = None) -> None:
+def override(
+    stage: Usd.Stage, text: str, *, layer: Sdf.Layer | None = None, where: str = "--set"
+) -> None:
     """Author one value for all times.
 
     Args:
@@ -25,6 +27,7 @@ def override(stage: Usd.Stage, text: str, *, layer: Sdf.Layer | None = None) -> 
         text: `[/PRIM.]group:name=value`. Without a prim it applies to every SplatSim prim, or for
             `affector:name` to every affector; deformers and drivers are `deform:<name>:angle=90`.
         layer: Layer of the stage; None is its session layer.
+        where: The flag, for messages.
 
     Raises:
         UsageError: If it cannot be parsed, or the parameter cannot have that value.
@@ -32,11 +35,11 @@ def override(stage: Usd.Stage, text: str, *, layer: Sdf.Layer | None = None) -> 
     """
     match = _ASSIGNMENT.fullmatch(text.strip())
     if not match:
-        raise UsageError("--set", repr(text), "[/PRIM.]group:name=value, such as rd:preset=coral")
-    where, name, typed = match.groups()
+        raise UsageError(where, repr(text), "[/PRIM.]group:name=value, such as rd:preset=coral")
+    path, name, typed = match.groups()
     group, instance, item = find(name)
-    value = _value(item, typed, text)
-    prims = _prims(stage, where, group)
+    value = _value(item, typed, f"{where} {text}")
+    prims = _prims(stage, path, group, where)
     for prim in prims:
         known = instances(prim, group) if instance else []
         if instance and instance not in known:
@@ -47,12 +50,12 @@ def override(stage: Usd.Stage, text: str, *, layer: Sdf.Layer | None = None) -> 
             author(prim, {name: value})
 
 
-def _value(item: Knob, typed: str, text: str) -> Any:
+def _value(item: Knob, typed: str, where: str) -> Any:
     """Parse a value as the parameter's type."""
     try:
         return _parsed(item.type, typed)
     except (KeyError, ValueError):
-        raise UsageError(f"--set {text}", repr(typed), item.expected) from None
+        raise UsageError(where, repr(typed), item.expected) from None
 
 
 def _parsed(kind: Any, typed: str) -> Any:
@@ -69,15 +72,15 @@ def _parsed(kind: Any, typed: str) -> Any:
     return kind(typed) if kind in (int, float) else typed
 
 
-def _prims(stage: Usd.Stage, where: str | None, group: str) -> list[Usd.Prim]:
+def _prims(stage: Usd.Stage, path: str | None, group: str, where: str) -> list[Usd.Prim]:
     """Return the prims that an override applies to."""
     is_about_affectors = group == "affector"
     found = find_simulations(stage)
     if is_about_affectors:
         found = [prim for prim in stage.Traverse() if is_affector(prim)]
-    if where is not None:
-        found = [prim for prim in found if str(prim.GetPath()) == where]
+    if path is not None:
+        found = [prim for prim in found if str(prim.GetPath()) == path]
     if not found:
         kind = "affector" if is_about_affectors else "SplatSim prim"
-        raise StageError("--set", f"no {kind} {where or ''}".rstrip(), "one on the stage")
+        raise StageError(where, f"no {kind} {path or ''}".rstrip(), "one on the stage")
     return found

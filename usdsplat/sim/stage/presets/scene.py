@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from pxr import Gf, Sdf, Usd, UsdGeom
 
 from usdsplat import schema
-from usdsplat.core.cloud import F64
+from usdsplat.core.cloud import F64, SplatCloud
 from usdsplat.core.errors import StageError
 from usdsplat.schema.stage_values import up_axis
 from usdsplat.sim.parameters import SimParameters
@@ -19,6 +20,10 @@ from usdsplat.sim.stage.trees import simulated_cut
 
 FIRST, LAST, RATE = 1, 100, 24
 """First and last frame, and frames per second."""
+_ANGLE = 30.0
+"""Vertical angle of view of the camera [degree]."""
+_ASIDE = (0.42, 0.3, 1.0)
+"""Direction to the camera: along the side, up, and across."""
 LEAST, MOST = 5, 95
 """Percentiles at the ends of the box."""
 
@@ -31,7 +36,10 @@ class Scene:
     parent: Sdf.Path
     field: Sdf.Path
     """Path of the capture's field."""
+    cloud: SplatCloud
+    """The capture at the first frame, in its own space."""
     count: int
+    """Number of its splats at finite places."""
     center: F64
     """[unit], shape (3,)."""
     extent: F64
@@ -102,6 +110,7 @@ def measured(stage: Usd.Stage, field: Usd.Prim, last: int) -> Scene:
         stage=stage,
         parent=holder.GetPath().AppendChild("Simulation"),
         field=field.GetPath(),
+        cloud=cloud,
         count=len(points),
         center=(low + high) / 2,
         extent=extent,
@@ -137,6 +146,32 @@ def author_ball(
         },
     )
     return ball.GetPrim()
+
+
+def author_camera(scene: Scene, *, middle: F64, height: float) -> None:
+    """Author a camera that sees a part of the capture from aside, a little from above and ahead.
+
+    Args:
+        scene: The preset's scene.
+        middle: The middle of the picture [unit], shape (3,).
+        height: Height of what it shows there [unit].
+    """
+    camera = UsdGeom.Camera.Define(scene.stage, scene.parent.AppendChild("Camera"))
+    distance = 0.5 * height / math.tan(math.radians(_ANGLE) / 2)
+    across = 3 - scene.side - scene.up
+    direction = np.zeros(3)
+    direction[[scene.side, scene.up, across]] = _ASIDE
+    # on the side that looks along -z, or along y where z is up, as the default camera does
+    direction[across] *= -1.0 if scene.up == 2 else 1.0
+    eye = middle + distance * direction / np.linalg.norm(direction)
+    view = Gf.Matrix4d().SetLookAt(
+        Gf.Vec3d(*eye), Gf.Vec3d(*middle), Gf.Vec3d(*np.eye(3)[scene.up])
+    )
+    camera.AddTransformOp().Set(view.GetInverse())
+    camera.CreateHorizontalApertureAttr(36.0)
+    camera.CreateVerticalApertureAttr(24.0)
+    camera.CreateFocalLengthAttr(12.0 / math.tan(math.radians(_ANGLE) / 2))
+    camera.CreateClippingRangeAttr(Gf.Vec2f(0.01 * distance, 100.0 * distance))
 
 
 def author_goal(scene: Scene, goal: Usd.Stage) -> Usd.Prim:

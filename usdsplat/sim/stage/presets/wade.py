@@ -10,10 +10,12 @@ from pxr import Gf, Sdf, Usd, UsdGeom
 from usdsplat.sim.stage.authoring import author
 from usdsplat.sim.stage.presets.matter import material_option, matter
 from usdsplat.sim.stage.presets.preset import Choice, Preset
-from usdsplat.sim.stage.presets.scene import FIRST, Scene, as_guide
+from usdsplat.sim.stage.presets.scene import FIRST, Scene, as_guide, author_camera
 
 _HEIGHT = 0.6
 """Height of the figure, in sizes of the capture."""
+_SHOWN = 1.25
+"""Height of the camera's picture, in heights of the figure or the capture."""
 _THROUGH = 0.75
 """Part of the time in which it walks through."""
 _STRIDE = 0.45
@@ -34,6 +36,12 @@ def _author(scene: Scene, sim: Usd.Prim, choice: Choice) -> None:
     author(sim, matter(scene, choice.name))
     last = max(round(_THROUGH * scene.last), FIRST + 1)
     _Figure(scene, last).author()
+    # the whole capture, with its surroundings, is too wide to see what the figure does
+    high = float(scene.extent[scene.up])
+    shown = max(_HEIGHT * scene.size, high)
+    middle = scene.center.copy()
+    middle[scene.up] += 0.5 * (shown - high)
+    author_camera(scene, middle=middle, height=_SHOWN * shown)
 
 
 class _Figure:

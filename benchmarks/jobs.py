@@ -1,0 +1,102 @@
+"""Measure sequences as jobs: processes of this machine, and Dask, against one process.
+
+    python -m benchmarks.jobs [--frames 240] [--size 320x180] [--samples 1] [--device cpu]
+        [--jobs 1,2] [--dask] [--capture FILE] [--runs 1] [--json FILE]
+
+"alone" is `usdsplat render` without a job. Times are wall time of the whole command, with its
+start; CPU time is that of all its processes; "per file" is wall time over files; "against alone" is
+the ratio of CPU times, the overhead of the job. Kernels are compiled before.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from pxr import Gf, Usd, UsdGeom
+from rich.table import Table
+
+from benchmarks.report import Report
+from benchmarks.scenes import DATA
+
+
+def turntable(capture: Path, folder: Path, frames: int) -> Path:
+    """Write a stage with a capture and a camera that moves around it, and return its path."""
+    scan, shot = folder / "scan.usdc", folder / "shot.usda"
+    run(["convert", str(capture), str(scan)])
+    stage = Usd.Stage.CreateNew(str(shot))
+    stage.GetRootLayer().subLayerPaths.append(scan.name)
+    stage.SetStartTimeCode(1)
+    stage.SetEndTimeCode(frames)
+    box = UsdGeom.BBoxCache(Usd.TimeCode.Default(), ["default"]).ComputeWorldBound(
+        stage.GetPseudoRoot()
+    )
+    middle = box.ComputeCentroid()
+    reach = box.ComputeAlignedRange().GetSize().GetLength()
+    camera = UsdGeom.Camera.Define(stage, "/Camera")
+    move = camera.AddTransformOp()
+    for frame in range(1, frames + 1):
+        turn = Gf.Matrix4d().SetRotate(Gf.Rotation(Gf.Vec3d(0, 1, 0), 360 * frame / frames))
+        back = Gf.Matrix4d().SetTranslate(Gf.Vec3d(0, 0, reach))
+        move.Set(back * turn * Gf.Matrix4d().SetTranslate(middle), frame)
+    stage.Save()
+    return shot
+
+
+def run(words: list[str]) -> tuple[float, float]:
+    """Run a command, and return its wall time and the CPU time of all its processes [s]."""
+    before, children = time.perf_counter(), os.times()
+    subprocess.run([sys.executable, "-m", "usdsplat", *words], check=True, capture_output=True)
+    after = os.times()
+    spent = after.children_user - children.children_user
+    return time.perf_counter() - before, spent + after.children_system - children.children_system
+
+
+def main(report: Report) -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--frames", type=int, default=240)
+    parser.add_argument("--size", default="320x180")
+    parser.add_argument("--samples", default="1")
+    parser.add_argument("--device", default="cpu")
+    parser.add_argument("--jobs", default="1,2")
+    parser.add_argument("--dask", action="store_true")
+    parser.add_argument("--capture", type=Path, default=DATA / "splats/statue_angel.sog")
+    parser.add_argument("--runs", type=int, default=1)
+    options = parser.parse_args(report.arguments)
+    ways: dict[str, list[str]] = {"alone": []}
+    ways |= {f"--jobs {count}": ["--jobs", count] for count in options.jobs.split(",")}
+    if options.dask:
+        ways |= {"--dask local": ["--dask", "local"]}
+    title = f"{options.frames} frames of {options.size}, {options.samples} samples, EXR"
+    table = Table(title=f"{options.capture.name}, {options.device}: {title}")
+    for name in ("command", "wall s", "CPU s", "per file ms", "files/s", "against alone"):
+        table.add_column(name, justify="right")
+    alone = 0.0
+    with tempfile.TemporaryDirectory() as folder:
+        shot = turntable(options.capture, Path(folder), options.frames)
+        words = [
+            "render", str(shot), "-o", f"{folder}/out.####.exr", "--resolution", options.size,
+            "--samples", options.samples, "--device", options.device,
+        ]  # fmt: skip
+        run([*words, "--frames", "1"])
+        for way, flags in ways.items():
+            times = [run([*words, *flags]) for _ in range(options.runs)]
+            wall, cpu = (statistics.median(each) for each in zip(*times, strict=True))
+            alone = alone or cpu
+            report.add(device=options.device, scene=way, ms=1e3 * wall, cpu_ms=1e3 * cpu)
+            per_file = 1e3 * wall / options.frames
+            cells = (f"{wall:.1f}", f"{cpu:.1f}", f"{per_file:.1f}", f"{1e3 / per_file:.2f}")
+            table.add_row(way, *cells, f"{cpu / alone:.2f}")
+    report.show(table)
+
+
+if __name__ == "__main__":
+    with Report("jobs", sys.argv[1:]) as report:
+        main(report)

@@ -1,0 +1,173 @@
+"""Tests of `usdsplat render` as a job: the same pictures by any number of processes, by Dask and by
+Open Job Description."""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from pxr import Usd
+
+from tests.jobs.test_local import children
+from tests.products.test_tiles import content
+
+pytestmark = pytest.mark.usefixtures("compiled")
+FLAGS = ("--frames", "1-4", "--resolution", "64x40", "--aovs", "color,Z,id,cryptoObject")
+CPU = ("--device", "cpu")
+
+
+@pytest.fixture
+def alone(run_json, shot, tmp_path):
+    """The pictures of one process, by name."""
+    run_json("render", shot, "-o", tmp_path / "alone" / "a.####.exr", *FLAGS, *CPU)
+    found = {each.name: content(each) for each in (tmp_path / "alone").iterdir()}
+    assert len(found) == 4
+    return found
+
+
+def pictures(folder):
+    return {each.name: content(each) for each in folder.iterdir()}
+
+
+@pytest.mark.parametrize("how", [("--jobs", "2"), ("--dask", "local", "--retries", "0")], ids=str)
+def test_a_job_has_the_pictures_of_one_process(run_json, shot, tmp_path, alone, how):
+    """Oracle: pictures of one process, pixels and headers but dates, in tiles and whole."""
+    pytest.importorskip("distributed")
+    out = tmp_path / "job" / "a.####.exr"
+    report = run_json("render", shot, "-o", out, *FLAGS, *CPU, "--tiles", "2x2", *how)
+    assert [each["frame"] for each in report["pictures"]] == [1, 2, 3, 4]
+    assert pictures(out.parent) == alone
+    report = run_json("render", shot, "-o", out, *FLAGS, *CPU, "--resume", "-q", *how)
+    assert report["pictures"] == [] and len(report["skipped"]) == 4
+
+
+def test_a_capture_is_framed_as_by_one_process(run_json, capture, tmp_path):
+    """Oracle: the picture of one process: the camera of the first task frames what that of all
+    frames does."""
+    words = ("render", capture, "--frames", "1-2", "--resolution", "32x32", *CPU)
+    run_json(*words, "-o", tmp_path / "alone" / "a.#.exr".replace("#", "##"))
+    run_json(*words, "-o", tmp_path / "job" / "a.##.exr", "--jobs", "1", "--chunk", "1")
+    assert pictures(tmp_path / "job") == pictures(tmp_path / "alone")
+
+
+def test_findings_and_errors_of_tasks_are_said_once(run, shot, tmp_path):
+    """Oracle: the findings of one process, and the sentence of a folder that cannot be made."""
+    words = ("render", shot, *FLAGS, *CPU, "--jobs", "2", "--chunk", "1")
+    alone = run("render", shot, *FLAGS, *CPU, "--json", "-o", tmp_path / "b.####.exr")
+    status, out, _ = run(*words, "--json", "-o", tmp_path / "a.####.exr")
+    assert status == alone[0] == 0
+    assert json.loads(out)["findings"] == json.loads(alone[1])["findings"]
+    (tmp_path / "file").write_text("")
+    status, _, err = run(*words, "-o", tmp_path / "file" / "a.####.exr")
+    assert status == 2 and "4 of 4 tasks that failed" in err
+    assert err.count("; it is tried again") == 4
+
+
+def test_strict_jobs_write_nothing(run, shot, tmp_path):
+    """Oracle: status 1 and no file, as without a job."""
+    stage = Usd.Stage.Open(str(shot))
+    stage.DefinePrim("/Gone").GetReferences().AddReference("gone.usd")
+    stage.Save()
+    words = ("render", shot, "-o", tmp_path / "a.##.exr", "--frames", "1-2", *CPU, "--strict")
+    assert run(*words, "--resolution", "8x8", "--jobs", "2")[0] == 1
+    assert not list(tmp_path.glob("*.exr"))
+
+
+@pytest.mark.parametrize(
+    ("flags", "sentence"),
+    [
+        (("--jobs", "0"), "--jobs: found '0', expected 1 to "),
+        (("--jobs", "2", "--chunk", "0"), "--chunk: found 0, expected 1 or more frames"),
+        (("--chunk", "2"), "--chunk: found no --jobs, --dask or --openjd"),
+        (("--dask", "nowhere"), "--dask: found 'nowhere', expected local, or tcp://HOST:PORT"),
+        (("--jobs", "2", "--dask", "local"), "found --jobs and --dask, expected one of them"),
+        (("--dask", "tcp://127.0.0.1:9"), "found no scheduler"),
+    ],
+    ids=lambda each: str(each)[:30],
+)
+def test_bad_options(run, shot, tmp_path, monkeypatch, flags, sentence):
+    """Oracle: the sentences."""
+    cluster = pytest.importorskip("usdsplat.jobs.dask_cluster")
+    monkeypatch.setattr(cluster, "PATIENCE", 1.0)
+    status, _, err = run("render", shot, "-o", tmp_path / "a.####.exr", *FLAGS, *CPU, *flags)
+    assert status == 2 and sentence in err
+    assert not list(tmp_path.glob("a*"))
+
+
+def command(*words):
+    return [sys.executable, "-m", "usdsplat", *map(str, words)]
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads /proc")
+@pytest.mark.parametrize("seed", range(10))
+def test_whatever_is_killed_each_picture_is_whole_or_absent(shot, tmp_path, alone, seed):
+    """Oracle: pictures of one process. Workers and the client are killed at random moments; what
+    exists is whole, and --resume makes the rest."""
+    rng = random.Random(seed)
+    out = tmp_path / "job" / "a.####.exr"
+    words = ("render", shot, "-o", out, *FLAGS, *CPU, "--tiles", "2x1", "--jobs", "2")
+    client = subprocess.Popen(
+        command(*words, "--retries", "5"), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    )
+    for _ in range(3):
+        time.sleep(rng.uniform(0.2, 2.0))
+        below = children(client.pid)
+        if below and client.poll() is None:
+            with_luck = rng.choice(below)
+            try:
+                os.kill(with_luck, signal.SIGKILL)
+            except ProcessLookupError:
+                continue
+    if seed % 2:
+        client.kill()
+    client.wait(120)
+    for each in out.parent.glob("*.exr") if out.parent.exists() else ():
+        assert content(each) == alone[each.name]
+    again = subprocess.run(command(*words, "--resume"), capture_output=True, timeout=300)
+    assert again.returncode == 0, again.stderr
+    assert pictures(out.parent) == alone
+
+
+@pytest.mark.slow
+def test_open_job_description_runs_the_bundle(run, shot, tmp_path, alone):
+    """Oracle: `openjd check` and `openjd run`, from a folder to which the bundle was moved; the
+    pixels are those of one process."""
+    pytest.importorskip("openjd.cli")
+    words = ("render", shot, "-o", "a.####.exr", *FLAGS, *CPU, "--tiles", "2x1", "--chunk", "3")
+    status, out, err = run(*words, "--openjd", tmp_path / "bundle")
+    assert status == 0, err
+    assert out == f"{tmp_path / 'bundle' / 'template.yaml'}\n"
+    moved = tmp_path / "moved to ümlaut"
+    (tmp_path / "bundle").rename(moved)
+    openjd = Path(sys.executable).with_name("openjd")
+    extensions = ("--extensions", "TASK_CHUNKING")
+    environment = {**os.environ, "PATH": f"{openjd.parent}{os.pathsep}{os.environ['PATH']}"}
+    for verb in ("check", "run"):
+        done = subprocess.run(
+            [openjd, verb, moved / "template.yaml", *extensions],
+            capture_output=True, env=environment, timeout=600, cwd=Path(__file__).parents[2],
+        )  # fmt: skip
+        assert done.returncode == 0, done.stdout.decode() + done.stderr.decode()
+    assert b"openjd_progress: 100" in done.stdout
+    drawn = pictures(moved / "out")
+    assert {name: part[0][3] for name, part in drawn.items()} == {
+        name: part[0][3] for name, part in alone.items()
+    }
+
+
+def test_bundles_of_texts_that_a_template_reads_otherwise_are_refused(run, shot, tmp_path):
+    """Oracle: the sentence, and that no bundle is written."""
+    words = ("render", shot, "-o", "a.####.exr", *FLAGS, *CPU, "--metadata", "a={{Param.Stage}}")
+    status, _, err = run(*words, "--openjd", tmp_path / "bundle")
+    assert status == 0 or "expected a text without {{, }}" in err
+    status, _, err = run(*words, "--metadata", "b={{x", "--openjd", tmp_path / "bundle2")
+    assert status == 2 and "expected a text without {{, }} and control characters" in err
+    assert not (tmp_path / "bundle2").exists()

@@ -1,0 +1,174 @@
+"""Define the options of commands that can run as jobs, and run them."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Self
+
+from usdsplat.cli import console
+from usdsplat.cli.arguments import option
+from usdsplat.cli.reporting import Reporter
+from usdsplat.core.errors import JobError, UsageError
+from usdsplat.core.wording import counted
+
+if TYPE_CHECKING:
+    from usdsplat.jobs.job import Job
+    from usdsplat.jobs.local import LocalWorkers
+    from usdsplat.jobs.outcome import Outcome
+
+AUTO = "auto"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JobOptions:
+    """Divide the work into tasks, see docs/farm.md."""
+
+    jobs: Annotated[str | None, option("N|auto", excludes="--dask")] = None
+    """number of processes of this machine; auto: one for each core, or for each GPU"""
+    dask: Annotated[str | None, option("ADDRESS|local", excludes="--openjd")] = None
+    """let a Dask scheduler run the tasks, such as tcp://host:8786; local starts one here"""
+    openjd: Annotated[Path | None, option("FOLDER", excludes="--jobs")] = None
+    """write the tasks as an Open Job Description bundle, and run nothing"""
+    chunk: Annotated[int | None, option("N")] = None
+    """frames of a task; default: as many as keep the processes busy"""
+    retries: Annotated[int, option("N")] = 1
+    """how often a task that fails is tried again"""
+
+    @property
+    def is_asked(self) -> bool:
+        """Whether the command is to run as a job."""
+        return any(each is not None for each in (self.jobs, self.dask, self.openjd))
+
+
+def check_jobs(options: JobOptions, *without: str) -> None:
+    """Raise an error for options that have no effect or are out of range.
+
+    Args:
+        options: The options of a command.
+        without: Flags that the command cannot follow.
+
+    Raises:
+        UsageError: If there is one.
+    """
+    for each in fields(options):
+        flag = f"--{each.name}"
+        if flag in without and getattr(options, each.name) != each.default:
+            raise UsageError(flag, "it with this command", "none, which has no such tasks")
+    if not options.is_asked:
+        for each in fields(options):
+            if getattr(options, each.name) != each.default:
+                found = f"no --jobs, --dask or --openjd with --{each.name}"
+                raise UsageError(f"--{each.name}", found, "one of them")
+    if options.chunk is not None and options.chunk < 1:
+        raise UsageError("--chunk", str(options.chunk), "1 or more frames")
+    if options.retries < 0:
+        raise UsageError("--retries", str(options.retries), "0 or more")
+
+
+def environments(options: JobOptions, *, device: str, threads: int | None) -> list[dict[str, str]]:
+    """Return the variables of each process of this machine. They share its cores and its GPUs.
+
+    Args:
+        options: The options of the command.
+        device: Name of the device; "auto" for a GPU if there is one.
+        threads: Threads of each process; None shares the cores evenly.
+
+    Raises:
+        UsageError: If the number of processes is out of range.
+    """
+    from usdsplat.kernels.cuda.support import gpu_count
+    from usdsplat.kernels.device import usual_threads
+
+    cores = usual_threads()
+    gpus = [] if device == "cpu" else _visible_gpus(gpu_count())
+    text = options.jobs or AUTO
+    if text == AUTO:
+        count = len(gpus) or cores
+    else:
+        most = 8 * (os.cpu_count() or 1)
+        count = int(text) if text.isdecimal() and len(text) < 6 else 0
+        if not 1 <= count <= most:
+            raise UsageError("--jobs", repr(text), f"1 to {most}, or auto")
+    each = {"USDSPLAT_THREADS": str(threads or max(1, cores // count))}
+    if not gpus:
+        return [dict(each) for _ in range(count)]
+    return [{**each, "CUDA_VISIBLE_DEVICES": gpus[i % len(gpus)]} for i in range(count)]
+
+
+def _visible_gpus(count: int) -> list[str]:
+    """Return the GPUs as values of CUDA_VISIBLE_DEVICES."""
+    named = os.environ.get("CUDA_VISIBLE_DEVICES")
+    return named.split(",")[:count] if named else [str(i) for i in range(count)]
+
+
+class JobRunner:
+    """What runs the tasks of a command: processes that start with the context, or Dask.
+
+    Args:
+        options: How tasks are run.
+        reporter: Receives progress and findings.
+        workers: See `environments`.
+    """
+
+    def __init__(
+        self, options: JobOptions, reporter: Reporter, workers: Sequence[Mapping[str, str]]
+    ) -> None:
+        self._options, self._reporter, self.workers = options, reporter, workers
+        self._stack = ExitStack()
+        self._local: LocalWorkers | None = None
+
+    def __enter__(self) -> Self:
+        if self._options.dask is None and self._options.openjd is None:
+            from usdsplat.jobs.local import LocalWorkers
+
+            self._local = self._stack.enter_context(LocalWorkers(self.workers))
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stack.close()
+
+    def run(self, job: Job) -> Iterator[dict[str, Any]]:
+        """Run a job, print the findings of its tasks, and yield the JSON objects that they print.
+
+        Raises:
+            JobError: After all others have ended, if a task failed.
+        """
+        from usdsplat.core.findings import Finding
+
+        total = len(job.tasks())
+        failed: list[Outcome] = []
+        label = f"{job.name}, task"
+        with self._reporter.progress() as progress:
+            progress.step(label, 0, total)
+            for done, outcome in enumerate(self._outcomes(job), 1):
+                progress.step(label, done, total)
+                if not outcome.is_done or outcome.result is None:
+                    failed.append(outcome)
+                    if outcome.result is not None:
+                        where = f"{outcome.task.name} on {outcome.result.host}"
+                        console.complain(f"{where}: {outcome.result.reason}")
+                    continue
+                printed = json.loads(outcome.result.out)
+                found = (Finding(**each) for each in printed.pop("findings"))
+                self._reporter.findings.extend(found)
+                yield printed
+        if failed:
+            count = f"{len(failed)} of {counted(total, 'task')} that failed"
+            raise JobError(job.name, count, "none; the others are done, --resume goes on")
+
+    def _outcomes(self, job: Job) -> Iterator[Outcome]:
+        retries = self._options.retries
+        if self._local is not None:
+            return self._local.run(job, retries=retries, say=self._reporter.remark)
+        from usdsplat.cli.worker import run_on_dask_worker
+        from usdsplat.jobs.dask_cluster import DaskCluster, run_on_dask
+
+        cluster = DaskCluster(
+            address=self._options.dask or "", environments=self.workers, retries=retries
+        )
+        return run_on_dask(job, cluster, run_on_dask_worker)

@@ -1,0 +1,140 @@
+"""Carry out commands that another process sends, one after the other.
+
+examples:
+  usdsplat worker < tasks.jsonl
+      run the command lines of a file, with one start of the program
+
+notes:
+  `usdsplat render --jobs` starts workers itself; this command is for other programs.
+  Each line of stdin is a JSON object {"words": ["render", ...]}, a command line without the
+  name of the program. Each line of stdout answers one: {"status": 0, "out": "...", "err": "..."},
+  the exit status and what the command wrote.
+  The stage of one command stays open for the next. The worker ends at the end of stdin; commands
+  that have not ended then are interrupted, and leave no file.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import platform
+import queue
+import signal
+import sys
+import threading
+from collections.abc import Sequence
+from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import asdict, dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from usdsplat.cli import console
+from usdsplat.cli.reporting import Reporter, ReportingOptions
+from usdsplat.core.errors import UsageError
+from usdsplat.jobs.outcome import TaskResult
+
+if TYPE_CHECKING:
+    from usdsplat.products.keeper import EngineKeeper
+
+USES_USD = False
+KEEPER = "usdsplat_keeper"
+"""Attribute of a worker of Dask."""
+_ONE_AT_A_TIME = threading.Lock()
+"""Held while a task of Dask runs: stdout and the folder belong to the process."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Options:
+    """Arguments of `usdsplat worker`."""
+
+    reporting: ReportingOptions = field(default_factory=ReportingOptions)
+
+
+def run(options: Options, reporter: Reporter) -> int:
+    """Carry out the commands of stdin."""
+    # loaded before the first task comes: whoever sends it may still plan
+    from usdsplat.products import drawing, planning  # noqa: F401
+    from usdsplat.products.keeper import EngineKeeper
+
+    lines: queue.Queue[str | None] = queue.Queue()
+    threading.Thread(target=_read, args=(lines,), name="usdsplat tasks", daemon=True).start()
+    keeper = EngineKeeper()
+    try:
+        while (line := lines.get()) is not None:
+            result = carried_out(_words(line), keeper)
+            answer = {name: value for name, value in asdict(result).items() if name != "host"}
+            console.say(json.dumps(answer))
+            lines.task_done()
+    finally:
+        keeper.close()
+    return 0
+
+
+def carried_out(words: Sequence[str], keeper: EngineKeeper) -> TaskResult:
+    """Run a command in this process.
+
+    Args:
+        words: The command line without the name of the program.
+        keeper: Keeps the stage open.
+    """
+    from usdsplat.cli.main import main
+
+    out, err = io.StringIO(), io.StringIO()
+    with redirect_stdout(out), redirect_stderr(err):
+        status = main(words, keeper=keeper)
+    return TaskResult(status=status, out=out.getvalue(), err=err.getvalue())
+
+
+def run_on_dask_worker(words: Sequence[str], folder: str, *before: object) -> dict[str, Any]:
+    """Run a command on a worker of Dask, which keeps its stage open, and return the result.
+
+    Args:
+        words: The command line without the name of the program.
+        folder: Folder in which relative paths of the command line lie.
+        before: Results of the tasks that had to be done before.
+
+    Raises:
+        TaskFailed: If the command fails.
+    """
+    from distributed import get_worker
+
+    from usdsplat.jobs.dask_cluster import TaskFailed
+    from usdsplat.products.keeper import EngineKeeper
+
+    host, worker = platform.node(), get_worker()
+    with _ONE_AT_A_TIME:
+        try:
+            os.chdir(folder)
+        except OSError:
+            reason = f"{folder}: found no such folder on this machine, expected a shared one"
+            raise TaskFailed(tuple(words), 2, reason, host) from None
+        if not hasattr(worker, KEEPER):
+            setattr(worker, KEEPER, EngineKeeper())
+        result = carried_out(words, getattr(worker, KEEPER))
+    if result.status:
+        raise TaskFailed(tuple(words), result.status, result.reason, host)
+    return {**asdict(result), "host": host}
+
+
+def _read(lines: queue.Queue[str | None]) -> None:
+    """Read stdin to its end, and then interrupt the command that has not ended, if there is one."""
+    for line in sys.stdin:
+        lines.put(line)
+    lines.put(None)
+    if lines.unfinished_tasks > 1:
+        os.kill(os.getpid(), signal.SIGTERM)
+
+
+def _words(line: str) -> list[str]:
+    """Return the words of a line of stdin.
+
+    Raises:
+        UsageError: If it is not a JSON object with words.
+    """
+    try:
+        words = json.loads(line)["words"]
+    except (ValueError, KeyError, TypeError):
+        words = None
+    if not isinstance(words, list) or not all(isinstance(word, str) for word in words):
+        raise UsageError("stdin", repr(line[:80]), 'a line such as {"words": ["render", "a.usd"]}')
+    return words

@@ -1,0 +1,58 @@
+"""Divide a sequence of pictures into tasks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from usdsplat.core.errors import UsageError
+from usdsplat.jobs.job import Command, Job, Parameter, Slot, Step
+from usdsplat.products.tiles import Tiling
+
+DRAW, JOIN = "draw", "join"
+FRAMES, TILE = "frames", "tile"
+
+
+def render_job(
+    command: Command, frames: Sequence[float], *, name: str, chunk: int, tiling: Tiling | None
+) -> Job:
+    """Return the job of a `usdsplat render`.
+
+    Args:
+        command: The command without frames and tile.
+        frames: Time codes.
+        name: Name of the job.
+        chunk: Number of frames of a task.
+        tiling: Tiles that are drawn by tasks of their own; then a task joins those of a chunk.
+
+    Raises:
+        UsageError: If a chunk has no frame.
+    """
+    if chunk < 1:
+        raise UsageError("--chunk", str(chunk), "1 or more frames")
+    chunks = Parameter(name=FRAMES, values=tuple(chunk_texts(frames, chunk)))
+    command = (*command, Slot("--frames", FRAMES))
+    if tiling is None:
+        return Job(name=name, steps=(Step(name=DRAW, command=command, space=(chunks,)),))
+    tiles = Parameter(name=TILE, values=tuple(str(n + 1) for n in range(len(tiling))))
+    draw = Step(name=DRAW, command=(*command, Slot("--tile", TILE)), space=(chunks, tiles))
+    join = Step(name=JOIN, command=(*command, "--tile=join"), space=(chunks,), after=(DRAW,))
+    return Job(name=name, steps=(draw, join))
+
+
+def chunk_texts(frames: Sequence[float], chunk: int) -> list[str]:
+    """Return ranges of at most `chunk` frames, as `parse_frames` reads them."""
+    return [frames_text(frames[first : first + chunk]) for first in range(0, len(frames), chunk)]
+
+
+def frames_text(frames: Sequence[float]) -> str:
+    """Return frames as a range that `parse_frames` reads."""
+    first, last = frames[0], frames[-1]
+    if len(frames) > 1 and list(frames) == [first + i for i in range(len(frames))]:
+        return f"{_number(first)}-{_number(last)}"
+    return ",".join(map(_number, frames))
+
+
+def _number(frame: float) -> str:
+    """Return the shortest text of a frame without an exponent."""
+    text = f"{frame:.9f}".rstrip("0").rstrip(".")
+    return "0" if text in ("", "-0") else text

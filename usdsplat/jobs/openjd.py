@@ -1,0 +1,223 @@
+"""Write a job as an Open Job Description bundle, which farms such as Deadline Cloud take.
+
+A bundle is a folder: `template.yaml`, which `openjd run` runs as it is; `parameter_values.yaml` and
+`asset_references.yaml`, which a farm's submitter reads; and the inputs in `assets`.
+
+Source: the Open Job Description specification 2023-09 with its extension TASK_CHUNKING, and the job
+bundles of Deadline Cloud.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from usdsplat.core.errors import UsageError
+from usdsplat.core.output import write_output
+from usdsplat.jobs.job import Job, Parameter, Slot, Step
+
+TEMPLATE, VALUES, REFERENCES = "template.yaml", "parameter_values.yaml", "asset_references.yaml"
+ASSETS = "assets"
+"""Folder of the inputs."""
+STAGE, OUTPUT, PROGRAM, FRAMES = "Stage", "OutputFolder", "Program", "Frames"
+"""Names of the parameters of the job."""
+MOST_VALUES = 1024
+"""Maximum length of a list of values."""
+_NAME = 128
+"""Maximum length of the name of a job [character]."""
+_CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f\ud800-\udfff]")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Bundle:
+    """What a bundle says beside the steps of its job."""
+
+    folder: Path
+    stage: str
+    """Path of the stage or capture in the bundle."""
+    frames: Sequence[float]
+    """Time codes."""
+    chunk: int
+    """Frames of a task."""
+    device: str
+    """Device that draws: "cuda" asks for a GPU."""
+    memory: int | None = None
+    """Memory that a task needs [byte]; None if unknown."""
+    inputs: tuple[str, ...] = ()
+    """Absolute paths of files that are read where they lie."""
+
+
+def write_bundle(job: Job, bundle: Bundle) -> list[Path]:
+    """Write the files of a bundle, but for its inputs, and return their paths.
+
+    JSON is YAML, so the files are written as JSON.
+
+    Raises:
+        UsageError: If a name cannot be in a template.
+        OutputError: If a file cannot be written.
+    """
+    template = template_of(job, bundle)
+    inputs = [str(bundle.folder.absolute() / bundle.stage), *bundle.inputs]
+    references = {
+        "assetReferences": {
+            "inputs": {"filenames": inputs, "directories": []},
+            "outputs": {"directories": [str(bundle.folder.absolute() / "out")]},
+            "referencedPaths": [],
+        }
+    }
+    values = [{"name": each["name"], "value": each["default"]} for each in template[_DEFINITIONS]]
+    texts = {
+        TEMPLATE: template,
+        VALUES: {"parameterValues": values},
+        REFERENCES: references,
+    }
+    for name, value in texts.items():
+        text = json.dumps(value, indent=2, ensure_ascii=False) + "\n"
+        write_output(bundle.folder / name, text.encode("utf-8", "surrogateescape"))
+    return [bundle.folder / name for name in texts]
+
+
+_DEFINITIONS = "parameterDefinitions"
+
+
+def template_of(job: Job, bundle: Bundle) -> dict[str, Any]:
+    """Return the template of a job.
+
+    Raises:
+        UsageError: If a word of a command cannot be in a template.
+    """
+    definitions: list[dict[str, Any]] = [
+        {
+            "name": STAGE, "type": "PATH", "objectType": "FILE", "dataFlow": "IN",
+            "default": bundle.stage, "description": "stage or capture to render",
+        },
+        {
+            "name": OUTPUT, "type": "PATH", "objectType": "DIRECTORY", "dataFlow": "OUT",
+            "default": "out", "description": "folder of the pictures",
+        },
+        {
+            "name": PROGRAM, "type": "STRING", "default": "usdsplat",
+            "description": "the program on the workers",
+        },
+    ]  # fmt: skip
+    whole = all(float(frame).is_integer() for frame in bundle.frames)
+    is_range = whole and _range(bundle.frames) is not None
+    if is_range:
+        definitions.append(
+            {
+                "name": FRAMES, "type": "STRING", "default": _range(bundle.frames),
+                "description": "frames to draw",
+            }
+        )  # fmt: skip
+    return {
+        "specificationVersion": "jobtemplate-2023-09",
+        **({"extensions": ["TASK_CHUNKING"]} if is_range else {}),
+        "name": _CONTROL.sub("?", f"usdsplat {job.name}")[:_NAME],
+        _DEFINITIONS: definitions,
+        "steps": [_step(each, bundle, is_range=is_range) for each in job.steps],
+    }
+
+
+def _range(frames: Sequence[float]) -> str | None:
+    """Return consecutive frames as a range; None if they are others."""
+    first = frames[0]
+    if list(frames) != [first + i for i in range(len(frames))]:
+        return None
+    return f"{first:.0f}-{frames[-1]:.0f}"
+
+
+def _step(step: Step, bundle: Bundle, *, is_range: bool) -> dict[str, Any]:
+    """Return a step of the template."""
+    program = _reference(PROGRAM)
+    found: dict[str, Any] = {
+        "name": step.name,
+        "stepEnvironments": [
+            {
+                "name": "kernels",
+                "script": {
+                    "actions": {
+                        "onEnter": {
+                            "command": program,
+                            "args": ["compile", "--device", bundle.device],
+                        }
+                    }
+                },
+            }
+        ],
+        "parameterSpace": {
+            "taskParameterDefinitions": [
+                _space(each, bundle, is_range=is_range) for each in step.space
+            ]
+        },
+        "script": {
+            "actions": {
+                "onRun": {"command": program, "args": [_argument(word) for word in step.command]}
+            }
+        },
+    }
+    if step.after:
+        found["dependencies"] = [{"dependsOn": name} for name in step.after]
+    amounts = []
+    if bundle.device == "cuda":
+        amounts.append({"name": "amount.worker.gpu", "min": 1})
+    if bundle.memory is not None:
+        amounts.append({"name": "amount.worker.memory", "min": max(1, bundle.memory >> 20)})
+    if amounts:
+        found["hostRequirements"] = {"amounts": amounts}
+    return found
+
+
+def _space(parameter: Parameter, bundle: Bundle, *, is_range: bool) -> Mapping[str, Any]:
+    """Return the definition of a parameter of tasks."""
+    name = _task_name(parameter.name)
+    if name == FRAMES and is_range:
+        chunks = {"defaultTaskCount": bundle.chunk, "rangeConstraint": "CONTIGUOUS"}
+        return {"name": name, "type": "CHUNK[INT]", "range": _reference(FRAMES), "chunks": chunks}
+    if len(parameter.values) > MOST_VALUES:
+        found = f"{len(parameter.values)} {parameter.name} that are no range"
+        raise UsageError("--openjd", found, f"at most {MOST_VALUES}: a larger --chunk")
+    return {"name": name, "type": "STRING", "range": list(parameter.values)}
+
+
+def _task_name(name: str) -> str:
+    return name.capitalize()
+
+
+def _argument(word: str | Slot) -> str:
+    """Return a word of a command in the template.
+
+    Raises:
+        UsageError: If the word would be read as something else.
+    """
+    if isinstance(word, Slot):
+        return f"{word.flag}={{{{Task.Param.{_task_name(word.parameter)}}}}}"
+    known = (_reference(STAGE), _reference(OUTPUT))
+    rest = word
+    for each in known:
+        rest = rest.replace(each, "")
+    if "{{" in rest or "}}" in rest or _CONTROL.search(rest):
+        raise UsageError("--openjd", repr(word), "a text without {{, }} and control characters")
+    return word
+
+
+def _reference(name: str) -> str:
+    """Return the reference to a parameter of the job."""
+    return f"{{{{Param.{name}}}}}"
+
+
+def stage_word() -> str:
+    """Return the word of a command that stands for the stage."""
+    return _reference(STAGE)
+
+
+def output_word(name: str) -> str:
+    """Return the path of an output in the folder of the pictures.
+
+    Args:
+        name: Name of the file, with a placeholder for the frame.
+    """
+    return f"{_reference(OUTPUT)}/{name}"

@@ -1,0 +1,42 @@
+"""Copy a stage or a capture with everything that it refers to into a folder."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+from pxr import UsdUtils
+
+from usdsplat.core.errors import OutputError, StageError
+from usdsplat.interchange.files import is_usd
+
+
+def localize(source: Path, folder: Path) -> Path:
+    """Copy a stage with its layers and assets, or a capture, and return the path of the copy.
+
+    Paths in the copied layers lead to the copied files, so that the folder can be moved.
+
+    Args:
+        source: The stage or capture.
+        folder: Folder for the copies, which does not exist.
+
+    Raises:
+        OutputError: If the folder exists, or a file cannot be written.
+        StageError: If a layer or an asset cannot be copied.
+    """
+    if folder.exists():
+        raise OutputError(str(folder), "a folder that exists", "a new one")
+    try:
+        folder.mkdir(parents=True)
+        target = folder / source.name
+        if not is_usd(source) or source.suffix == ".usdz":
+            shutil.copyfile(source, target)
+        elif not UsdUtils.LocalizeAsset(str(source), str(folder), False) or not target.is_file():
+            raise StageError(str(source), "files that cannot be copied", "a stage without errors")
+    except BaseException as error:
+        shutil.rmtree(folder, ignore_errors=True)
+        if isinstance(error, OSError) and not isinstance(error, OutputError):
+            found = (error.strerror or str(error)).lower()
+            raise OutputError(str(folder), found, "a place to write") from error
+        raise
+    return target

@@ -1,0 +1,108 @@
+"""The motif of needles: groups of faceted crystals of many sizes that lean away from each other."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from usdsplat.core.cloud import F32, I32
+from usdsplat.kernels.device import Device
+from usdsplat.kernels.points.nearest import nearest
+from usdsplat.sim.carriers import Carriers
+from usdsplat.sim.motifs import Look, drawn, sites_of
+
+GROUP = 4.6
+"""Distance of the middles of groups, in distances of needles."""
+GROWING = 1.5
+"""Time in which the longest needle grows [s]."""
+SLIM = 0.1
+"""Usual radius of a needle, as a part of its length."""
+LEAN, STRAY = 0.95, 0.35
+"""How far needles lean away from the middle of their group, and how much at random."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Prisms:
+    """Needles of k sites; lengths are relative to the longest."""
+
+    bases: F32
+    """Places of their lower ends [unit], shape (k, 3)."""
+    axes: F32
+    """Unit vectors to the tips, shape (k, 3)."""
+    lengths: F32
+    """Lengths, 0 to 1, shape (k,)."""
+    radii: F32
+    """Radii, relative to the longest needle, shape (k,)."""
+    site: I32
+    """Needle of each carrier, shape (c,)."""
+    rank: I32
+    """Place of each carrier among those of its needle, shape (c,)."""
+    count: I32
+    """Number of carriers of each needle, shape (k,)."""
+
+
+class Needles:
+    """Groups of needles.
+
+    Args:
+        device: Runs the kernels.
+        carriers: Carriers of the field.
+        size: Distance of needles, in distances of carriers.
+        seed: Seed of the random numbers.
+    """
+
+    def __init__(self, device: Device, carriers: Carriers, size: float, seed: int) -> None:
+        places = carriers.positions
+        sites = sites_of(device, carriers, size, seed)
+        k = len(sites)
+        self._sites = sites
+        site = nearest(device, places[sites], places, 1)[0][:, 0]
+        order = np.argsort(site, kind="stable")
+        count = np.bincount(site, minlength=k)
+        rank = np.empty(len(site), np.int64)
+        rank[order] = np.arange(len(site)) - np.repeat(np.cumsum(count) - count, count)
+        middles = places[sites_of(device, carriers, GROUP * size, seed + 1)]
+        near, apart = nearest(device, middles, places[sites], 1)
+        reach = 0.5 * GROUP * size * carriers.spacing
+        away = (places[sites] - middles[near[:, 0]]) / reach
+        part = np.minimum(apart[:, 0] / reach, 1.5)
+        chance = drawn(device, k, seed + 2)
+        group = 0.55 + 0.45 * drawn(device, len(middles), seed + 3)[near[:, 0]]
+        lengths = group * np.exp(-1.3 * part**2) * (0.45 + 0.55 * chance)
+        lengths = np.maximum(lengths, 0.13 + 0.2 * chance**2)
+        normals = carriers.normals[sites]
+        turn = 2 * np.pi * drawn(device, k, seed + 4)
+        tilt = STRAY * np.sqrt(drawn(device, k, seed + 5))
+        aside = np.where(np.abs(normals[:, :1]) < 0.7, [[1.0, 0, 0]], [[0, 1.0, 0]])
+        x = np.cross(normals, aside)
+        x /= np.maximum(np.linalg.norm(x, axis=1, keepdims=True), 1e-9)
+        y = np.cross(normals, x)
+        random = tilt[:, None] * (np.cos(turn)[:, None] * x + np.sin(turn)[:, None] * y)
+        axes = normals + LEAN * away + random
+        axes /= np.maximum(np.linalg.norm(axes, axis=1, keepdims=True), 1e-9)
+        radii = SLIM * lengths**0.75 * (0.65 + 0.7 * drawn(device, k, seed + 6))
+        self.prisms = Prisms(
+            bases=places[sites], axes=_f32(axes), lengths=_f32(lengths),
+            radii=_f32(radii), site=site.astype(np.int32), rank=rank.astype(np.int32),
+            count=count.astype(np.int32),
+        )  # fmt: skip
+
+    def grown(self, arrival: F32, now: float) -> F32:
+        """Return the part of its length that each needle has grown, shape (k,)."""
+        with np.errstate(invalid="ignore"):
+            t = np.clip((now - arrival[self._sites]) / GROWING, 0, 1)
+        return _f32(np.where(np.isfinite(arrival[self._sites]), 1 - (1 - t) ** 2, 0))
+
+    def at(self, arrival: F32, now: float) -> Look:
+        """Return the look at a time: needles grow from the surface."""
+        site = self.prisms.site
+        grown = self.grown(arrival, now)[site]
+        rise = self.prisms.lengths[site] * grown
+        return Look(rise=_f32(rise), tone=_f32(0.5 * grown), piece=site)
+
+
+def _f32(values: npt.NDArray[Any]) -> F32:
+    return np.ascontiguousarray(values, np.float32)
