@@ -227,7 +227,7 @@ def test_quiet_keeps_errors_and_verbose_adds_cures(make, rendered):
     (line,) = rendered(path, "-q")[2].splitlines()
     assert line.startswith("usdsplat: error [missing-asset]")
     lines = rendered(path, "--verbose")[2].splitlines()
-    assert "  cure: use distant lights, or hide the light" in lines
+    assert "  cure: use distant, sphere, disk, rect or cylinder lights, or hide the light" in lines
     assert "  cure: restore the file, or correct the asset path" in lines
 
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import OpenImageIO as oiio
 import pytest
-from pxr import Usd, UsdGeom
+from pxr import Usd, UsdGeom, UsdLux
 
 from tests.cli.test_render import SMALL
 
@@ -54,3 +55,24 @@ def test_a_broken_camera_matters_only_if_it_is_used(run, shot, tmp_path):
     status, _, err = run("render", shot, *output, "--camera", "Odd")
     assert (status, len(err.splitlines())) == (2, 1)
     assert err.startswith("usdsplat: /World/Odd: found aperture 0 x ")
+
+
+def test_shadows_of_a_stage_without_lights_are_a_finding(run, shot, tmp_path):
+    """Oracle: one line with the code; none with a light, or without shadows."""
+    output = ("-o", tmp_path / "a.exr", *SMALL)
+    for flags in (("--aovs", "color,shadow"), ("--lighting", "shadowed")):
+        status, _, err = run("render", shot, *output, *flags)
+        assert status == 0 and err.count("[no-lights]") == 1
+    assert "[no-lights]" not in run("render", shot, *output)[2]
+    change(shot, lambda s: UsdLux.DistantLight.Define(s, "/World/Sun"))
+    assert "[no-lights]" not in run("render", shot, *output, "--lighting", "shadowed")[2]
+
+
+def test_a_catcher_must_be_a_prim(run, shot, tmp_path):
+    """Oracle: one sentence and status 2; the field is accepted, and is not in the picture."""
+    output = ("-o", tmp_path / "a.exr", *SMALL, "--aovs", "color,shadow")
+    status, _, err = run("render", shot, *output, "--catcher", "/World/Nothing")
+    assert status == 2 and "--catcher" in err and "/World/Nothing" in err
+    assert run("render", shot, *output, "--catcher", "/World/Ball")[0] == 0
+    pixels = oiio.ImageBuf(str(tmp_path / "a.exr")).get_pixels(oiio.FLOAT)
+    assert not pixels[..., :4].any() and (pixels[..., 4:] == 1).all()
