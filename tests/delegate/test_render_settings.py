@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import numpy as np
 import pytest
 from pxr import Usd
 
@@ -36,6 +37,8 @@ def test_the_schema_and_the_knobs_are_the_same_list():
     assert set(usd_names()) == set(definition.GetPropertyNames())
     known = {item.name: item for item in knobs(RenderSettings)}
     for name, knob in usd_names().items():
-        assert definition.GetAttributeFallbackValue(name) == known[knob].default
+        fallback, default = definition.GetAttributeFallbackValue(name), known[knob].default
+        is_float = isinstance(default, float)
+        assert fallback == (np.float32(default) if is_float else default)
         tokens = definition.GetPropertyMetadata(name, "allowedTokens")
         assert tokens is None or tuple(tokens) == known[knob].choices

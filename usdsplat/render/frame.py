@@ -41,7 +41,8 @@ from usdsplat.render.band import Band
 from usdsplat.render.deep_samples import DeepSamples
 from usdsplat.render.display import displayed
 from usdsplat.render.frame_context import FrameContext, FrameSample
-from usdsplat.render.lights.lighting import lighting_of, with_catchers
+from usdsplat.render.lights.lighting import lighting_of
+from usdsplat.render.lights.needs import with_catchers
 from usdsplat.render.lod.nodes import samples_of
 from usdsplat.render.motion import Motion
 from usdsplat.render.occluders import Occluders, with_holdout

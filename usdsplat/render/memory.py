@@ -25,8 +25,8 @@ from usdsplat.render.deep_memory import deep_bytes
 from usdsplat.render.draw_list import DrawList, Group
 from usdsplat.render.frame import DEEP_PIXELS
 from usdsplat.render.frame_buffers import MATTES, FrameBuffers, SurfaceBuffers, TriangleBuffers
-from usdsplat.render.lights.lighting import with_catchers
 from usdsplat.render.lights.memory import lighting_bytes, lighting_uses
+from usdsplat.render.lights.needs import with_catchers
 from usdsplat.render.matte import is_matte
 from usdsplat.render.motion import FRAMES
 from usdsplat.render.scene import RenderScene

@@ -8,7 +8,7 @@ too, as long as they fit in `KEPT_BYTES`: pixels of surfaces look at them in eve
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -22,6 +22,7 @@ from usdsplat.render.draw_list import DrawList, Group
 from usdsplat.render.frame_buffers import FrameBuffers
 from usdsplat.render.lights.cameras import LightCamera, bounds_of, cameras_of
 from usdsplat.render.lights.depth_map import DepthMap, draw_depth_map
+from usdsplat.render.lights.needs import is_needed, receives
 from usdsplat.render.lights.sampling import samples_of
 from usdsplat.render.lights.specs import LightSpec, Rules
 from usdsplat.render.matte import is_matte
@@ -30,7 +31,7 @@ from usdsplat.render.rasterizer import Rasterizer
 from usdsplat.render.scene import RenderScene
 from usdsplat.render.screen import Screen
 from usdsplat.render.settings import RenderSettings
-from usdsplat.render.specs import FieldSpec, View
+from usdsplat.render.specs import View
 from usdsplat.render.surface_cache import SurfaceCache
 from usdsplat.render.surfaces import SurfaceBand
 
@@ -370,32 +371,6 @@ def _appearances(casters: DrawList, layout: DrawList) -> dict[int, list[int]]:
             count = len(group.placed)
             found[group.slot], of_field[id(group.field)] = numbers[:count], numbers[count:]
     return found
-
-
-def receives(spec: FieldSpec, settings: RenderSettings) -> bool:
-    """Return whether shadows darken the splats of a field in the picture."""
-    mode = settings.lighting if spec.lighting == "auto" else spec.lighting
-    return mode == "shadowed"
-
-
-def is_needed(scene: RenderScene, settings: RenderSettings, aovs: Iterable[str]) -> bool:
-    """Return whether anything of a picture depends on lights that `kernels.shade` does not know, or
-    on shadows."""
-    lights = scene.named_lights.values()
-    if not lights:
-        return False
-    if settings.lighting == "shadowed" or "shadow" in aovs:
-        return True
-    shadowed = any(receives(field.spec, settings) for field in scene.visible_fields())
-    return shadowed or not all(light.is_plain for light in lights)
-
-
-def with_catchers(scene: RenderScene, view: View) -> View:
-    """Return a view in which all shadow catchers, of the view and of the scene, are mattes."""
-    rules = (*view.catchers, *((path, True) for path in scene.catchers()))
-    if not rules:
-        return view
-    return replace(view, matte=(*view.matte, *rules), catchers=rules)
 
 
 def lighting_of(

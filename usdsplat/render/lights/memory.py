@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Set as AbstractSet
 
 from usdsplat.kernels import lighting
-from usdsplat.render.lights.lighting import KEPT_BYTES, is_needed, receives, with_catchers
+from usdsplat.render.lights.lighting import KEPT_BYTES
+from usdsplat.render.lights.needs import is_needed, receives, with_catchers
 from usdsplat.render.scene import RenderScene
 from usdsplat.render.settings import RenderSettings
 from usdsplat.render.specs import View

@@ -1,0 +1,36 @@
+"""Decide what of a picture depends on lights and shadows."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+from usdsplat.render.scene import RenderScene
+from usdsplat.render.settings import RenderSettings
+from usdsplat.render.specs import FieldSpec, View
+
+
+def receives(spec: FieldSpec, settings: RenderSettings) -> bool:
+    """Return whether shadows darken the splats of a field in the picture."""
+    mode = settings.lighting if spec.lighting == "auto" else spec.lighting
+    return mode == "shadowed"
+
+
+def is_needed(scene: RenderScene, settings: RenderSettings, aovs: Iterable[str]) -> bool:
+    """Return whether anything of a picture depends on lights that `kernels.shade` does not know, or
+    on shadows."""
+    lights = scene.named_lights.values()
+    if not lights:
+        return False
+    if settings.lighting == "shadowed" or "shadow" in aovs:
+        return True
+    shadowed = any(receives(field.spec, settings) for field in scene.visible_fields())
+    return shadowed or not all(light.is_plain for light in lights)
+
+
+def with_catchers(scene: RenderScene, view: View) -> View:
+    """Return a view in which all shadow catchers, of the view and of the scene, are mattes."""
+    rules = (*view.catchers, *((path, True) for path in scene.catchers()))
+    if not rules:
+        return view
+    return replace(view, matte=(*view.matte, *rules), catchers=rules)
