@@ -15,6 +15,8 @@ examples:
       with blur and ids, and with neighbouring samples merged to keep the file small
   usdsplat render shot.usd -o shot.exr --color-mode inverseView --config ocio://studio-config-latest
       colours that the config's first view, here ACES 2.0, shows as they were captured
+  usdsplat render shot.usd -o shot.exr --aovs color,shadow --catcher /World/Ground
+      the shadow that the lights of the stage cast on a ground that is not in the picture
   usdsplat render shot.usd
       all products of the stage's RenderSettings
   usdsplat render shot.usd -o shot.####.exr --frames 1001-1240 --jobs 2
