@@ -1,10 +1,10 @@
 """Light surfaces and captures by the lights of the stage, with shadows.
 
-    specs       a light of the stage, as a value
-    sampling    a light as a number of directions or points
-    cameras     a sample as a camera that sees the scene
-    depth_map   what this camera sees: lists of splats by tile, and depths of surfaces
-    lighting    light of receivers: splats, which keep it, and pixels of surfaces
-    needs       which pictures depend on lights and shadows
-    memory      what they take
+specs       a light of the stage, as a value
+sampling    a light as a number of directions or points
+cameras     a sample as a camera that sees the scene
+depth_map   what this camera sees: lists of splats by tile, and depths of surfaces
+lighting    light of receivers: splats, which keep it, and pixels of surfaces
+needs       which pictures depend on lights and shadows
+memory      what they take
 """
