@@ -16,6 +16,8 @@ examples:
       continue an interrupted bake, or make a finished one of fewer frames longer
   usdsplat simulate grow.usda -o bake.usda --wedge rd:feed=0.03,0.05 settle:omega=4,8
       bake each combination beside bake.usda, and compare them on a contact sheet, bake.png
+  usdsplat simulate grow.usda -o bake.usda --wedge rd:feed=0.03,0.05 --jobs 2
+      two bakes side by side; with --chunk each is divided at checkpoints, see docs/farm.md
   usdsplat simulate --list-parameters
       every parameter with its range, unit and meaning
 
@@ -32,16 +34,19 @@ import itertools
 import shlex
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from usdsplat.cli import console
 from usdsplat.cli.arguments import option, positional
+from usdsplat.cli.job_options import JobOptions, JobRunner, check_jobs, environments
 from usdsplat.cli.reporting import Reporter, ReportingOptions
 from usdsplat.cli.stage_options import StageOptions
+from usdsplat.cli.values import time_code
+from usdsplat.cli.words import words_of
 from usdsplat.core import interrupt
-from usdsplat.core.errors import UsageError
+from usdsplat.core.errors import OutputError, UsageError
 from usdsplat.images.frame_numbers import LIMIT, parse_frames
 
 if TYPE_CHECKING:
@@ -86,6 +91,8 @@ class Options:
     max_splats: Annotated[int | None, option("COUNT")] = None
     """simulate each splat tree with at most so many splats, by refining its largest errors first;
     default: as on the stage, else 1000000"""
+    until: Annotated[float | None, option("FRAME")] = None
+    """stop at the first checkpoint from this frame on; --resume goes on, with the same result"""
     resume: Annotated[bool, option()] = False
     """continue an interrupted bake, or add the further frames of --frames to a finished one"""
     force: Annotated[bool, option()] = False
@@ -102,12 +109,14 @@ class Options:
     """number of threads; default: USDSPLAT_THREADS, or all cores"""
     json: Annotated[bool, option()] = False
     """print one JSON object about the bake, or a JSON list of the parameters"""
+    job: JobOptions = field(default_factory=JobOptions)
     stage_opening: StageOptions = field(default_factory=StageOptions)
     reporting: ReportingOptions = field(default_factory=ReportingOptions)
 
 
 def run(options: Options, reporter: Reporter) -> int:
     """List parameters, make a stage, or simulate one."""
+    check_jobs(options.job, "--openjd")
     if options.list_parameters:
         from usdsplat.cli import parameter_table
 
@@ -135,7 +144,7 @@ def _make(options: Options, preset: str, reporter: Reporter) -> int:
     for flag, given in (
         ("--frames", options.frames), ("--resume", options.resume), ("--set", options.overrides),
         ("--lod", options.lod is not None), ("--max-splats", options.max_splats is not None),
-        ("--wedge", options.wedge),
+        ("--wedge", options.wedge), ("--jobs", options.job.is_asked),
     ):  # fmt: skip
         if given:
             raise UsageError(flag, f"--preset {preset} too", "one of them: first make, then run")
@@ -185,8 +194,13 @@ def _bake(options: Options, source: Path, target: Path, reporter: Reporter) -> i
     for text in (*_tree_overrides(options, stage), *options.overrides):
         override(stage, text)
     frames = _frames(options, stage)
+    if options.until is not None and options.wedge:
+        raise UsageError("--until", "--wedge too", "one of them")
     if options.sheet_frame is not None and not options.wedge:
         raise UsageError("--sheet-frame", f"{options.sheet_frame:g} without --wedge", "both")
+    if options.job.is_asked:
+        _run_tasks(options, target, frames, reporter)
+        options = replace(options, resume=True, force=False)
     announce = reporter.announce_compilation(
         "compiling kernels, once for each kind of simulation; it takes up to a minute"
     )
@@ -199,6 +213,46 @@ def _bake(options: Options, source: Path, target: Path, reporter: Reporter) -> i
         order = _wedge if options.wedge else _simulate
         order(options, stage, target, frames, reporter, progress)
     return 0
+
+
+def _run_tasks(
+    options: Options, target: Path, frames: tuple[float, ...], reporter: Reporter
+) -> None:
+    """Bake by tasks; what is left, such as the contact sheet, is done with --resume.
+
+    Raises:
+        OutputError: If a bake exists and is neither resumed nor replaced.
+    """
+    from usdsplat.jobs.bakes import bake_job
+    from usdsplat.products.wedge import combinations, parse_axes
+
+    made: dict[Path, tuple[str, ...]] = {target: ()}
+    if options.wedge:
+        made = {
+            each.target: each.settings for each in combinations(parse_axes(options.wedge), target)
+        }
+    for path in made:
+        if path.exists() and _existing(options) == "error":
+            raise OutputError(str(path), "a file", "a new name, or --resume or --force")
+    device = "cpu" if options.device == "auto" else options.device
+    task = replace(
+        options, json=True, job=JobOptions(), reporting=ReportingOptions(quiet=True), wedge=(),
+        sheet_frame=None, device=device, force=False, resume=False,
+    )  # fmt: skip
+    commands = {
+        path.name: (
+            "simulate",
+            *words_of(replace(task, output=path, overrides=(*options.overrides, *settings))),
+        )
+        for path, settings in made.items()
+    }
+    workers = environments(options.job, device=device, threads=options.threads)
+    job = bake_job(
+        commands, frames, name="simulate", chunk=options.job.chunk, replaces=options.force
+    )
+    with JobRunner(options.job, reporter, workers[: len(made)]) as runner:
+        for _ in runner.run(job):
+            pass
 
 
 def _simulate(
@@ -218,9 +272,10 @@ def _simulate(
     )  # fmt: skip
     if options.json:
         reporter.print_json(asdict(report))
-    else:
+        return
+    if report.is_finished:
         console.say_path(target)
-        reporter.remark(report.sentence())
+    reporter.remark(report.sentence())
 
 
 def _wedge(
@@ -255,6 +310,7 @@ def simulate_options(options: Options) -> SimulateOptions:
         threads=options.threads,
         existing=_existing(options),
         keeps_checkpoint=not options.drop_checkpoint,
+        until=time_code(options.until),
     )
 
 
