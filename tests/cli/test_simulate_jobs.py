@@ -71,7 +71,9 @@ def test_a_bake_is_not_replaced_unasked(run, run_json, pushed, tmp_path):
     before = (tmp_path / "b.usda").read_bytes()
     words = ("simulate", pushed, "-o", tmp_path / "b.usda", *FRAMES, "--jobs", "1")
     status, _, err = run(*words)
-    assert status == 2 and "found a file, expected a new name, or --resume or --force" in err
+    assert status == 2 and "found a file, expected a new name, or --resume" in err
+    status, _, err = run(*words, "--force")
+    assert status == 2 and "--force: found it with --jobs or --dask" in err
     assert (tmp_path / "b.usda").read_bytes() == before
 
 

@@ -40,7 +40,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from usdsplat.cli import console
 from usdsplat.cli.arguments import option, positional
-from usdsplat.cli.job_options import JobOptions, JobRunner, check_jobs, environments
+from usdsplat.cli.job_options import JobOptions, JobRunner, check_jobs, environments, of_task
 from usdsplat.cli.reporting import Reporter, ReportingOptions
 from usdsplat.cli.stage_options import StageOptions
 from usdsplat.cli.values import time_code
@@ -199,8 +199,8 @@ def _bake(options: Options, source: Path, target: Path, reporter: Reporter) -> i
     if options.sheet_frame is not None and not options.wedge:
         raise UsageError("--sheet-frame", f"{options.sheet_frame:g} without --wedge", "both")
     if options.job.is_asked:
-        _run_tasks(options, target, frames, reporter)
-        options = replace(options, resume=True, force=False)
+        _run_tasks(options, stage, target, frames, reporter)
+        options = replace(options, resume=True)
     announce = reporter.announce_compilation(
         "compiling kernels, once for each kind of simulation; it takes up to a minute"
     )
@@ -216,28 +216,29 @@ def _bake(options: Options, source: Path, target: Path, reporter: Reporter) -> i
 
 
 def _run_tasks(
-    options: Options, target: Path, frames: tuple[float, ...], reporter: Reporter
+    options: Options,
+    stage: Usd.Stage,
+    target: Path,
+    frames: tuple[float, ...],
+    reporter: Reporter,
 ) -> None:
-    """Bake by tasks; what is left, such as the contact sheet, is done with --resume.
-
-    Raises:
-        OutputError: If a bake exists and is neither resumed nor replaced.
-    """
+    """Bake by tasks; what is left, such as the contact sheet, is done with --resume."""
     from usdsplat.jobs.bakes import bake_job
-    from usdsplat.products.wedge import combinations, parse_axes
+    from usdsplat.products.wedge import WedgeOptions, parse_axes, planned
 
+    if options.force:  # tasks may be repeated, and would begin anew what others have done
+        raise UsageError("--force", "it with --jobs or --dask", "--resume, or a new name")
     made: dict[Path, tuple[str, ...]] = {target: ()}
     if options.wedge:
-        made = {
-            each.target: each.settings for each in combinations(parse_axes(options.wedge), target)
-        }
-    for path in made:
-        if path.exists() and _existing(options) == "error":
-            raise OutputError(str(path), "a file", "a new name, or --resume or --force")
+        how = WedgeOptions(simulate=simulate_options(options), frame=options.sheet_frame)
+        wedge = planned(stage, target, frames, parse_axes(options.wedge), how)
+        made = {each.target: each.settings for each in wedge}
+    elif target.exists() and not options.resume:
+        raise OutputError(str(target), "a file", "a new name, or --resume")
     device = "cpu" if options.device == "auto" else options.device
     task = replace(
-        options, json=True, job=JobOptions(), reporting=ReportingOptions(quiet=True), wedge=(),
-        sheet_frame=None, device=device, force=False, resume=False,
+        options, json=True, job=JobOptions(), reporting=of_task(options.reporting), wedge=(),
+        sheet_frame=None, device=device, force=False, resume=False, until=None,
     )  # fmt: skip
     commands = {
         path.name: (
@@ -247,9 +248,7 @@ def _run_tasks(
         for path, settings in made.items()
     }
     workers = environments(options.job, device=device, threads=options.threads)
-    job = bake_job(
-        commands, frames, name="simulate", chunk=options.job.chunk, replaces=options.force
-    )
+    job = bake_job(commands, frames, name="simulate", chunk=options.job.chunk, until=options.until)
     with JobRunner(options.job, reporter, workers[: len(made)]) as runner:
         for _ in runner.run(job):
             pass

@@ -14,11 +14,11 @@ def bake_job(
     *,
     name: str,
     chunk: int | None,
-    replaces: bool,
+    until: float | None,
 ) -> Job:
     """Return the job of some bakes.
 
-    A task after the first one of a bake resumes it. All tasks may be repeated.
+    Every task resumes its bake, so all may be repeated.
 
     Args:
         commands: Name of each bake, and its command.
@@ -26,20 +26,21 @@ def bake_job(
         name: Name of the job.
         chunk: Least number of frames of a task, which ends at a checkpoint; None for one task for
             each bake.
-        replaces: Whether existing bakes are begun anew.
+        until: Frame at which the bakes stop; None for their end.
 
     Raises:
         UsageError: If a chunk has no frame.
     """
     if chunk is not None and chunk < 1:
         raise UsageError("--chunk", str(chunk), "1 or more frames")
+    last = frames[-1] if until is None else until
     ends = [] if chunk is None else [frames[i] for i in range(chunk - 1, len(frames) - 1, chunk)]
+    ends = [end for end in ends if end < last]
     steps: list[Step] = []
     for bake, command in commands.items():
         before: tuple[str, ...] = ()
-        for number, end in enumerate((*ends, None)):
-            begins = replaces and number == 0
-            words = (*command, "--force" if begins else "--resume")
+        for number, end in enumerate((*ends, until)):
+            words = (*command, "--resume")
             if end is not None:
                 words = (*words, f"--until={end!r}")
             step = f"{bake}, part {number + 1}" if ends else bake
