@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import subprocess
@@ -12,6 +13,7 @@ from pathlib import Path
 
 import pytest
 
+from usdsplat.jobs import local
 from usdsplat.jobs.job import Job, Parameter, Slot, Step
 from usdsplat.jobs.local import LocalWorkers
 
@@ -48,6 +50,13 @@ def test_a_task_that_fails_is_tried_again_and_those_after_it_are_not_begun():
     found = {each.task.step: each for each in ran(job, 1, 2, said.append)}
     assert len(said) == 2 and all(text.endswith("; it is tried again") for text in said)
     assert found["a"].result.status == 2 and found["b"].result is None and found["c"].is_done
+
+
+def test_an_answer_that_is_cut_off_is_none():
+    """Oracle: by hand: a worker that is killed while it writes leaves the beginning of a line."""
+    whole = json.dumps({"status": 0, "out": "abc", "err": ""})
+    assert local._parsed(whole).out == "abc"
+    assert all(local._parsed(whole[:end]) is None for end in range(len(whole)))
 
 
 def children(pid):

@@ -6,6 +6,8 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
+from tests.cli.conftest import ball
+from usdsplat import formats
 from usdsplat.core.errors import UsageError
 from usdsplat.products.tiles import TileStep, Tiling
 
@@ -102,6 +104,27 @@ def test_tiles_that_lack_or_are_others_are_refused(run, run_json, shot, tmp_path
     status, _, err = run(*words, "--tile", "join")
     assert status == 2 and "found a damaged file, expected a complete one" in err
     assert not (tmp_path / "a.exr").exists()
+
+
+def test_joining_again_keeps_the_picture(run_json, shot, tmp_path):
+    """Oracle: the bytes of the picture: a join that is repeated after its tiles are gone does
+    nothing."""
+    words = ("render", shot, "-o", tmp_path / "a.exr", "--frames", "1", *SIZE, "--tiles", "2x1")
+    for tile in ("1", "2", "join"):
+        run_json(*words, "--tile", tile)
+    before = (tmp_path / "a.exr").read_bytes()
+    assert run_json(*words, "--tile", "join")["pictures"] == []
+    assert (tmp_path / "a.exr").read_bytes() == before
+
+
+def test_tiles_of_other_captures_and_cameras_are_others(run, run_json, capture, tmp_path):
+    """Oracle: the sentence: a tile depends on the splats, and on the frames that a camera fits."""
+    words = ("render", capture, "-o", tmp_path / "a.exr", "--frames", "1", *SIZE, "--tiles", "2x1")
+    run_json(*words, "--tile", "1")
+    formats.write(ball(200, 7), capture)
+    run_json(*words, "--tile", "2")
+    status, _, err = run(*words, "--tile", "join")
+    assert status == 2 and "a tile of another picture" in err
 
 
 @pytest.mark.parametrize(

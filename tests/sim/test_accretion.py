@@ -145,23 +145,41 @@ def same(a: Frame, b: Frame) -> bool:
     )
 
 
-def test_any_number_of_threads_gives_the_same_bits() -> None:
+STYLES = ("coral", "cells", "veins", "lichen", "crystals")
+
+
+@pytest.mark.parametrize("style", STYLES)
+def test_any_number_of_threads_gives_the_same_bits(style) -> None:
     """Oracle: the run with one thread."""
-    runs = [played(CpuDevice(threads=threads), growing(), 16) for threads in (1, 2)]
+    runs = [played(CpuDevice(threads=threads), growing(style), 9) for threads in (1, 2)]
     for a, b in zip(*runs, strict=True):
         assert same(a, b)
 
 
-def test_a_checkpoint_continues_with_the_same_bits(device, grown) -> None:
+@pytest.mark.parametrize("style", STYLES)
+def test_a_checkpoint_continues_with_the_same_bits(device, style) -> None:
     """Oracle: the run without interruption."""
-    solver = started(device, growing(), 16)
+    frames = played(device, growing(style), 11)
+    assert new(frames[-1]).any()
+    solver = started(device, growing(style), 11)
     for _ in range(7):
         solver.advance()
     state = solver.checkpoint()
-    again = started(device, growing(), 16, state=state)
-    for frame in grown[8:]:
+    again = started(device, growing(style), 11, state=state)
+    for frame in frames[8:]:
         again.advance()
         assert same(frame, again.frame())
+
+
+def test_motifs_need_a_front(device) -> None:
+    """Oracle: without a front, matter grows where the pattern is, as with the motif "pattern"."""
+    still = {"front_speed": -1.0, "seeds": 40}
+    motif, pattern = (
+        played(device, growing("cells", rd=still, accretion=knobs), 8)
+        for knobs in ({}, {"motif": "pattern"})
+    )
+    assert new(motif[-1]).any()
+    assert same(motif[-1], pattern[-1])
 
 
 def test_a_seed_affector_starts_the_front(device) -> None:

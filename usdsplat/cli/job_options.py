@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Self
 
 from usdsplat.cli import console
 from usdsplat.cli.arguments import option
-from usdsplat.cli.reporting import Reporter
-from usdsplat.core.errors import JobError, UsageError
+from usdsplat.cli.reporting import Reporter, ReportingOptions
+from usdsplat.core.errors import JobError, StrictError, UsageError
 from usdsplat.core.wording import counted
 
 if TYPE_CHECKING:
@@ -68,6 +68,11 @@ def check_jobs(options: JobOptions, *without: str) -> None:
         raise UsageError("--chunk", str(options.chunk), "1 or more frames")
     if options.retries < 0:
         raise UsageError("--retries", str(options.retries), "0 or more")
+
+
+def of_task(reporting: ReportingOptions) -> ReportingOptions:
+    """Return the options with which a task reports: its findings are in what it prints."""
+    return ReportingOptions(quiet=True, strict=reporting.strict)
 
 
 def environments(options: JobOptions, *, device: str, threads: int | None) -> list[dict[str, str]]:
@@ -157,9 +162,16 @@ class JobRunner:
                 found = (Finding(**each) for each in printed.pop("findings"))
                 self._reporter.findings.extend(found)
                 yield printed
+        if failed and all(each.result is None or each.result.status == 1 for each in failed):
+            raise StrictError("--strict", f"findings in {job.name}", "none; nothing is written")
         if failed:
             count = f"{len(failed)} of {counted(total, 'task')} that failed"
-            raise JobError(job.name, count, "none; the others are done, --resume goes on")
+            raise JobError(
+                job.name,
+                count,
+                "none; the others are done, and the same command goes on"
+                " (render, simulate: with --resume)",
+            )
 
     def _outcomes(self, job: Job) -> Iterator[Outcome]:
         retries = self._options.retries

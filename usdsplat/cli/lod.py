@@ -31,7 +31,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from usdsplat.cli import console
 from usdsplat.cli.arguments import option, positional
-from usdsplat.cli.job_options import JobOptions, JobRunner, check_jobs, environments
+from usdsplat.cli.job_options import JobOptions, JobRunner, check_jobs, environments, of_task
 from usdsplat.cli.reporting import Reporter, ReportingOptions
 from usdsplat.cli.values import bytes_of, time_code
 from usdsplat.cli.words import words_of
@@ -102,6 +102,10 @@ def run(options: Options, reporter: Reporter) -> int:
         raise UsageError("lod", "no -o OUT", "one; see 'usdsplat lod --help'")
     _check_inputs(options)
     check_jobs(options.job, "--openjd", "--chunk")
+    if options.part is not None and options.step is None:
+        raise UsageError("--part", f"{options.part} without --step", "--step sort or build")
+    if options.step is not None and options.job.is_asked:
+        raise UsageError("--step", "it with --jobs or --dask", "one of them")
     if options.job.is_asked:
         _run_parts(options, reporter)
 
@@ -178,7 +182,7 @@ def _run_parts(options: Options, reporter: Reporter) -> None:
     from usdsplat.jobs.trees import tree_job
 
     task = replace(
-        options, json=True, job=JobOptions(), reporting=ReportingOptions(quiet=True), step=None
+        options, json=True, job=JobOptions(), reporting=of_task(options.reporting), step=None
     )
     workers = environments(options.job, device="cpu", threads=None)
     job = tree_job(("lod", *words_of(task)), name="lod", parts=PARTS * len(workers))

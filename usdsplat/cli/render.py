@@ -40,6 +40,7 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from usdsplat import images
@@ -102,7 +103,7 @@ def _run_tasks(
         engine.expect(work_of(plans, frames))
         check_frames(engine, plans, frames, options=drawing, findings=reporter.findings)
         fits = any(plan.camera is None for plan in plans)
-        task = as_task(options, engine.device, ends_of(frames) if fits else "")
+        task = as_task(options, engine.device, ends_of(frames) if fits else "", frames[0])
     return run_as_job(options, task, plans, frames, runner, reporter)
 
 
@@ -128,6 +129,7 @@ def _draw_options(options: Options) -> DrawOptions:
     Raises:
         UsageError: If one is wrong.
     """
+    from usdsplat.interchange.files import capture_files
     from usdsplat.products.preparing import DrawOptions
     from usdsplat.products.tiles import TileStep, Tiling
 
@@ -142,6 +144,7 @@ def _draw_options(options: Options) -> DrawOptions:
         existing="resume" if options.resume else "replace",
         memory_limit=bytes_of(options.memory_limit),
         tile=None if tiling is None else TileStep.parse(tiling, options.tile or "join"),
+        files=tuple(map(Path, capture_files(options.stage))),
         fitted=() if options.fit_frames is None else parse_frames(options.fit_frames),
     )
 
@@ -151,6 +154,7 @@ def _opened(options: Options, reporter: Reporter, progress: Progress) -> Iterato
     """Open the engine of the stage, or take the one that the last command left open."""
     from usdsplat.cli.stages import open_stage_or_capture
     from usdsplat.delegate.engine import Engine
+    from usdsplat.interchange.files import capture_files
     from usdsplat.interchange.opening import check_prims
     from usdsplat.products.frames import first_frame
     from usdsplat.products.keeper import EngineKeeper, OpenStage
@@ -172,7 +176,8 @@ def _opened(options: Options, reporter: Reporter, progress: Progress) -> Iterato
         )
         first = first_frame(stage, options.frames)
         engine = Engine(stage, device=options.device, threads=options.threads, time=first)
-        return OpenStage(engine, stage, tuple(list(reporter.findings)[before:]))
+        found = tuple(list(reporter.findings)[before:])
+        return OpenStage(engine, stage, found, capture_files(options.stage))
 
     key = (
         str(options.stage), options.stage_opening, options.axes, keep, options.device,
@@ -194,9 +199,11 @@ def _planned(
     options: Options, found: OpenStage, reporter: Reporter
 ) -> tuple[tuple[PicturePlan, ...], tuple[float, ...]]:
     """Return the pictures and their frames."""
-    from usdsplat.products.frames import frames_to_draw, outside_range
+    from usdsplat.products.frames import first_frame, frames_to_draw, outside_range
     from usdsplat.products.planning import plan_pictures
 
+    begin = options.plan_frame
+    found.engine.set_time(first_frame(found.stage, options.frames) if begin is None else begin)
     plans = plan_pictures(found.engine, _request(options))
     frames = frames_to_draw(found.stage, options.frames, plans)
     reporter.findings.extend(filter(None, [outside_range(found.stage, frames)]))

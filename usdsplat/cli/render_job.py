@@ -8,12 +8,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from usdsplat.cli import console
-from usdsplat.cli.job_options import JobOptions, JobRunner
+from usdsplat.cli.job_options import JobOptions, JobRunner, of_task
 from usdsplat.cli.render_options import Options
 from usdsplat.cli.reporting import Reporter, ReportingOptions
 from usdsplat.cli.values import bytes_of
 from usdsplat.cli.words import words_of
 from usdsplat.core.errors import UsageError
+from usdsplat.images.frame_numbers import FileName, frame_path
 
 if TYPE_CHECKING:
     from usdsplat.jobs.job import Job
@@ -27,13 +28,14 @@ TILE_SUFFIX = ".tile"
 """End of the names of files that are no pictures."""
 
 
-def as_task(options: Options, device: str, fitted: str) -> Options:
+def as_task(options: Options, device: str, fitted: str, first: float) -> Options:
     """Return the options of a task, but for its frames and its tile.
 
     Args:
         options: Options of the job.
         device: Device that draws all tasks.
         fitted: Frames that the camera frames; "" if the stage has a camera.
+        first: First frame of the job.
     """
     return replace(
         options,
@@ -42,8 +44,9 @@ def as_task(options: Options, device: str, fitted: str) -> Options:
         json=True,
         fit_frames=options.fit_frames or fitted or None,
         stage_name=options.stage_name or str(options.stage),
+        plan_frame=first if options.plan_frame is None else options.plan_frame,
         job=JobOptions(),
-        reporting=ReportingOptions(quiet=True),
+        reporting=of_task(options.reporting),
     )
 
 
@@ -86,6 +89,11 @@ def run_as_job(
     return 0
 
 
+def _absolute(path: str | Path | None) -> str | None:
+    """Return a path that holds in any folder; None for none."""
+    return None if path is None else str(Path(path).absolute())
+
+
 def _job(options: Options, task: Options, frames: Sequence[float], chunk: int) -> Job:
     """Return the job of the options."""
     from usdsplat.jobs.frames import render_job
@@ -119,12 +127,25 @@ def _write_bundle(
     assert folder is not None  # checked by the caller
     if options.output is None:
         raise UsageError("--openjd", "no --output", "-o FILE, whose name the pictures get")
+    if FileName.of(options.output).in_folder:
+        expected = "one in the name of the file only"
+        raise UsageError("--output", f"{options.output}, a frame in a folder's name", expected)
     chunk = options.job.chunk or COLD
     framing, opening = options.framing, options.stage_opening
-    read = (framing.holdout, opening.session_layer, options.color.ocio_config)
-    inputs = tuple(str(Path(path).absolute()) for path in read if path and Path(path).exists())
+    config = options.color.ocio_config
+    if config and Path(config).is_file():
+        config = str(Path(config).absolute())
+    session = _absolute(opening.session_layer)
+    layer = None if session is None else Path(session)
+    read: list[str | Path | None] = [layer, config]
+    read += [frame_path(framing.holdout, each) for each in frames] if framing.holdout else []
+    files = (str(Path(path).absolute()) for path in read if path and Path(path).exists())
+    inputs = tuple(dict.fromkeys(files))
     task = replace(
         task,
+        framing=replace(framing, holdout=_absolute(framing.holdout)),
+        stage_opening=replace(opening, session_layer=layer),
+        color=replace(options.color, ocio_config=config),
         stage=Path(stage_word()),
         output=output_word(Path(options.output).name),
         json=False,

@@ -131,6 +131,8 @@ class Options:
     fit_frames: Annotated[str | None, option("RANGE")] = None
     """frames that the camera of a stage without one shows; default: the first, the middle and the
     last one of --frames"""
+    plan_frame: Annotated[float | None, option("FRAME")] = None
+    """frame at which products and settings are read; default: the first one of --frames"""
     stage_name: Annotated[str | None, option("TEXT")] = None
     """name of the stage in the headers of pictures; default: as given"""
     json: Annotated[bool, option()] = False

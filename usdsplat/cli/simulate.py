@@ -16,6 +16,8 @@ examples:
       continue an interrupted bake, or make a finished one of fewer frames longer
   usdsplat simulate grow.usda -o bake.usda --wedge rd:feed=0.03,0.05 settle:omega=4,8
       bake each combination beside bake.usda, and compare them on a contact sheet, bake.png
+  usdsplat simulate grow.usda -o bake.usda --wedge rd:feed=0.03,0.05 --jobs 2
+      two bakes side by side; with --chunk each is divided at checkpoints, see docs/farm.md
   usdsplat simulate --list-parameters
       every parameter with its range, unit and meaning
 
@@ -32,16 +34,19 @@ import itertools
 import shlex
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from usdsplat.cli import console
 from usdsplat.cli.arguments import option, positional
+from usdsplat.cli.job_options import JobOptions, JobRunner, check_jobs, environments, of_task
 from usdsplat.cli.reporting import Reporter, ReportingOptions
 from usdsplat.cli.stage_options import StageOptions
+from usdsplat.cli.values import time_code
+from usdsplat.cli.words import words_of
 from usdsplat.core import interrupt
-from usdsplat.core.errors import UsageError
+from usdsplat.core.errors import OutputError, UsageError
 from usdsplat.images.frame_numbers import LIMIT, parse_frames
 
 if TYPE_CHECKING:
@@ -86,6 +91,8 @@ class Options:
     max_splats: Annotated[int | None, option("COUNT")] = None
     """simulate each splat tree with at most so many splats, by refining its largest errors first;
     default: as on the stage, else 1000000"""
+    until: Annotated[float | None, option("FRAME")] = None
+    """stop at the first checkpoint from this frame on; --resume goes on, with the same result"""
     resume: Annotated[bool, option()] = False
     """continue an interrupted bake, or add the further frames of --frames to a finished one"""
     force: Annotated[bool, option()] = False
@@ -102,12 +109,14 @@ class Options:
     """number of threads; default: USDSPLAT_THREADS, or all cores"""
     json: Annotated[bool, option()] = False
     """print one JSON object about the bake, or a JSON list of the parameters"""
+    job: JobOptions = field(default_factory=JobOptions)
     stage_opening: StageOptions = field(default_factory=StageOptions)
     reporting: ReportingOptions = field(default_factory=ReportingOptions)
 
 
 def run(options: Options, reporter: Reporter) -> int:
     """List parameters, make a stage, or simulate one."""
+    check_jobs(options.job, "--openjd")
     if options.list_parameters:
         from usdsplat.cli import parameter_table
 
@@ -135,7 +144,7 @@ def _make(options: Options, preset: str, reporter: Reporter) -> int:
     for flag, given in (
         ("--frames", options.frames), ("--resume", options.resume), ("--set", options.overrides),
         ("--lod", options.lod is not None), ("--max-splats", options.max_splats is not None),
-        ("--wedge", options.wedge),
+        ("--wedge", options.wedge), ("--jobs", options.job.is_asked),
     ):  # fmt: skip
         if given:
             raise UsageError(flag, f"--preset {preset} too", "one of them: first make, then run")
@@ -185,8 +194,13 @@ def _bake(options: Options, source: Path, target: Path, reporter: Reporter) -> i
     for text in (*_tree_overrides(options, stage), *options.overrides):
         override(stage, text)
     frames = _frames(options, stage)
+    if options.until is not None and options.wedge:
+        raise UsageError("--until", "--wedge too", "one of them")
     if options.sheet_frame is not None and not options.wedge:
         raise UsageError("--sheet-frame", f"{options.sheet_frame:g} without --wedge", "both")
+    if options.job.is_asked:
+        _run_tasks(options, stage, target, frames, reporter)
+        options = replace(options, resume=True)
     announce = reporter.announce_compilation(
         "compiling kernels, once for each kind of simulation; it takes up to a minute"
     )
@@ -199,6 +213,45 @@ def _bake(options: Options, source: Path, target: Path, reporter: Reporter) -> i
         order = _wedge if options.wedge else _simulate
         order(options, stage, target, frames, reporter, progress)
     return 0
+
+
+def _run_tasks(
+    options: Options,
+    stage: Usd.Stage,
+    target: Path,
+    frames: tuple[float, ...],
+    reporter: Reporter,
+) -> None:
+    """Bake by tasks; what is left, such as the contact sheet, is done with --resume."""
+    from usdsplat.jobs.bakes import bake_job
+    from usdsplat.products.wedge import WedgeOptions, parse_axes, planned
+
+    if options.force:  # tasks may be repeated, and would begin anew what others have done
+        raise UsageError("--force", "it with --jobs or --dask", "--resume, or a new name")
+    made: dict[Path, tuple[str, ...]] = {target: ()}
+    if options.wedge:
+        how = WedgeOptions(simulate=simulate_options(options), frame=options.sheet_frame)
+        wedge = planned(stage, target, frames, parse_axes(options.wedge), how)
+        made = {each.target: each.settings for each in wedge}
+    elif target.exists() and not options.resume:
+        raise OutputError(str(target), "a file", "a new name, or --resume")
+    device = "cpu" if options.device == "auto" else options.device
+    task = replace(
+        options, json=True, job=JobOptions(), reporting=of_task(options.reporting), wedge=(),
+        sheet_frame=None, device=device, force=False, resume=False, until=None,
+    )  # fmt: skip
+    commands = {
+        path.name: (
+            "simulate",
+            *words_of(replace(task, output=path, overrides=(*options.overrides, *settings))),
+        )
+        for path, settings in made.items()
+    }
+    workers = environments(options.job, device=device, threads=options.threads)
+    job = bake_job(commands, frames, name="simulate", chunk=options.job.chunk, until=options.until)
+    with JobRunner(options.job, reporter, workers[: len(made)]) as runner:
+        for _ in runner.run(job):
+            pass
 
 
 def _simulate(
@@ -218,9 +271,10 @@ def _simulate(
     )  # fmt: skip
     if options.json:
         reporter.print_json(asdict(report))
-    else:
+        return
+    if report.is_finished:
         console.say_path(target)
-        reporter.remark(report.sentence())
+    reporter.remark(report.sentence())
 
 
 def _wedge(
@@ -255,6 +309,7 @@ def simulate_options(options: Options) -> SimulateOptions:
         threads=options.threads,
         existing=_existing(options),
         keeps_checkpoint=not options.drop_checkpoint,
+        until=time_code(options.until),
     )
 
 

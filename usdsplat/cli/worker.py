@@ -9,8 +9,7 @@ notes:
   Each line of stdin is a JSON object {"words": ["render", ...]}, a command line without the
   name of the program. Each line of stdout answers one: {"status": 0, "out": "...", "err": "..."},
   the exit status and what the command wrote.
-  The stage of one command stays open for the next. The worker ends at the end of stdin; commands
-  that have not ended then are interrupted, and leave no file.
+  The stage of one command stays open for the next. The worker ends after the last line.
 """
 
 from __future__ import annotations
@@ -28,9 +27,10 @@ from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from usdsplat.cli import console
 from usdsplat.cli.reporting import Reporter, ReportingOptions
+from usdsplat.core import interrupt
 from usdsplat.core.errors import UsageError
+from usdsplat.jobs.local import ANSWER, MARKED
 from usdsplat.jobs.outcome import TaskResult
 
 if TYPE_CHECKING:
@@ -57,13 +57,15 @@ def run(options: Options, reporter: Reporter) -> int:
     from usdsplat.products.keeper import EngineKeeper
 
     lines: queue.Queue[str | None] = queue.Queue()
-    threading.Thread(target=_read, args=(lines,), name="usdsplat tasks", daemon=True).start()
+    of_job = bool(os.environ.get(MARKED))
+    threading.Thread(target=_read, args=(lines, of_job), name="usdsplat tasks", daemon=True).start()
     keeper = EngineKeeper()
     try:
         while (line := lines.get()) is not None:
             result = carried_out(_words(line), keeper)
+            interrupt.check()  # what was interrupted has no result: another worker takes the task
             answer = {name: value for name, value in asdict(result).items() if name != "host"}
-            console.say(json.dumps(answer))
+            _answer(json.dumps(answer), ANSWER if of_job else "")
             lines.task_done()
     finally:
         keeper.close()
@@ -116,12 +118,24 @@ def run_on_dask_worker(words: Sequence[str], folder: str, *before: object) -> di
     return {**asdict(result), "host": host}
 
 
-def _read(lines: queue.Queue[str | None]) -> None:
-    """Read stdin to its end, and then interrupt the command that has not ended, if there is one."""
+def _answer(text: str, mark: str) -> None:
+    """Write a line to stdout.
+
+    Args:
+        text: The line.
+        mark: What it begins with, so that it is told from messages of libraries.
+    """
+    sys.stdout.write(f"{mark}{text}\n")
+    sys.stdout.flush()
+
+
+def _read(lines: queue.Queue[str | None], of_job: bool) -> None:
+    """Read stdin to its end. Then interrupt the command of a job that has not ended: nobody waits
+    for it any more."""
     for line in sys.stdin:
         lines.put(line)
     lines.put(None)
-    if lines.unfinished_tasks > 1:
+    if of_job and lines.unfinished_tasks > 1:
         os.kill(os.getpid(), signal.SIGTERM)
 
 

@@ -115,8 +115,13 @@ class FileName:
     def is_sequence(self) -> bool:
         """Whether frames differ in their names."""
         first = Path(str(self))
-        in_folder = any(map(_FOLDER.search, first.parts[:-1]))
-        return len({pattern for _, pattern in self.samples}) > 1 or has_place(first) or in_folder
+        several = len({pattern for _, pattern in self.samples}) > 1
+        return several or has_place(first) or self.in_folder
+
+    @property
+    def in_folder(self) -> bool:
+        """Whether a folder's name has a placeholder."""
+        return any(map(_FOLDER.search, Path(str(self)).parts[:-1]))
 
     def at(self, frame: float) -> Path:
         """Return the path of a frame.

@@ -101,6 +101,17 @@ def check_suffix(target: Path) -> None:
         raise UnknownFormatError(str(target), found, f"one of {' '.join(SUFFIXES)}")
 
 
+def capture_files(path: Path) -> tuple[str, ...]:
+    """Return the absolute paths of the files of a capture: the file itself, or all in the folder of
+    an unpacked SOG; empty for a stage."""
+    if is_usd(path):
+        return ()
+    if path.name.lower() not in ("meta.json", "lod-meta.json"):
+        return (str(path.absolute()),)
+    files = sorted(each for each in path.absolute().parent.rglob("*") if each.is_file())
+    return tuple(map(str, files))
+
+
 def check_not_input(target: Path, inputs: Iterable[Path]) -> None:
     """Raise an error if the target is one of the files being read.
 

@@ -14,7 +14,7 @@ import logging
 import os
 import uuid
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -78,6 +78,8 @@ def run_on_dask(job: Job, cluster: DaskCluster, run_task: RunTask) -> Iterator[O
     """
     with ExitStack() as stack:
         client = _connected(cluster, stack)
+        from distributed import CancelledError, Future
+
         needs = job.needs()
         futures: dict[Task, Any] = {}
         run = uuid.uuid4().hex[:8]
@@ -87,14 +89,20 @@ def run_on_dask(job: Job, cluster: DaskCluster, run_task: RunTask) -> Iterator[O
                 task.words,
                 os.getcwd(),
                 *(futures[each] for each in before),
-                key=f"usdsplat-{task.step}-{run}-{number}",
+                key=f"usdsplat-{run}-{number}",
                 retries=cluster.retries,
                 pure=False,
             )
+        submitted = [future.key for future in futures.values()]
         try:
             yield from _ended(futures)
+        except CancelledError as error:
+            raise BackendError(
+                f"--dask {cluster.address}", "a scheduler that ended", "one"
+            ) from error
         finally:
-            client.cancel(list(futures.values()))
+            with suppress(Exception):  # the scheduler may be gone
+                client.cancel([Future(key, client) for key in submitted])
 
 
 def _connected(cluster: DaskCluster, stack: ExitStack) -> Client:
@@ -110,7 +118,7 @@ def _connected(cluster: DaskCluster, stack: ExitStack) -> Client:
             raise UsageError("--dask", repr(cluster.address), "local, or tcp://HOST:PORT")
         try:
             client = stack.enter_context(Client(cluster.address, timeout=PATIENCE))
-        except (OSError, ValueError) as error:
+        except (OSError, ValueError, TypeError) as error:  # TypeError: tls without its settings
             found = f"no scheduler ({str(error).splitlines()[0]})"
             raise BackendError(where, found, "one that runs") from error
     try:
@@ -125,7 +133,8 @@ def _local_cluster(cluster: DaskCluster) -> SpecCluster:
     """Start a scheduler, which only this machine reaches, and a process for each environment."""
     from distributed import Nanny, Scheduler, SpecCluster
 
-    options = {"nthreads": 1, "silence_logs": logging.CRITICAL}
+    # Dask would pause and kill workers by the memory that their stages take
+    options = {"nthreads": 1, "memory_limit": 0, "silence_logs": logging.CRITICAL}
     workers = {
         number: {"cls": Nanny, "options": {**options, "host": LOOPBACK, "env": dict(each)}}
         for number, each in enumerate(cluster.environments)
@@ -156,6 +165,7 @@ def _ended(futures: dict[Task, Any]) -> Iterator[Outcome]:
     from distributed import wait
 
     left = {future.key: (task, future) for task, future in futures.items()}
+    futures.clear()  # Dask repeats tasks whose results are still wanted when their worker dies
     while left:
         interrupt.check()
         try:
@@ -163,9 +173,15 @@ def _ended(futures: dict[Task, Any]) -> Iterator[Outcome]:
             done = wait(waiting, timeout=BEAT, return_when="FIRST_COMPLETED").done
         except TimeoutError:
             continue
-        for future in done:
+        waiting.clear()
+        while done:
+            future = done.pop()
+            if future.status == "lost":  # it is computed again
+                continue
             task, _ = left.pop(future.key)
-            yield Outcome(task=task, result=_result(future, task))
+            outcome = Outcome(task=task, result=_result(future, task))
+            del future
+            yield outcome
 
 
 def _result(future: Any, task: Task) -> TaskResult | None:

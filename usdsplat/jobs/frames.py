@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from decimal import Decimal
 
 from usdsplat.core.errors import UsageError
 from usdsplat.jobs.job import Command, Job, Parameter, Slot, Step
@@ -53,6 +54,7 @@ def frames_text(frames: Sequence[float]) -> str:
 
 
 def _number(frame: float) -> str:
-    """Return the shortest text of a frame without an exponent."""
-    text = f"{frame:.9f}".rstrip("0").rstrip(".")
-    return "0" if text in ("", "-0") else text
+    """Return the shortest text without an exponent that is read as this frame."""
+    text = format(Decimal(repr(float(frame))), "f")
+    text = text.rstrip("0").rstrip(".") if "." in text else text
+    return "0" if text == "-0" else text

@@ -27,8 +27,10 @@ BEAT = 0.2
 """Time between looks at signals [s]."""
 PATIENCE = 5.0
 """Time for a worker to end after SIGTERM [s]."""
-ANSWER = '{"status":'
-"""Beginning of a worker's answer; other lines are messages of libraries."""
+ANSWER = "\x1eusdsplat: "
+"""Beginning of a worker's answer; all else on its streams are messages of libraries."""
+MARKED = "USDSPLAT_JOB_WORKER"
+"""Variable of workers of a job: they mark answers with ANSWER, and end with their parent."""
 _LINES = 20
 """Lines of a worker that died which are kept."""
 
@@ -167,6 +169,9 @@ class _WorkerProcess:
             if self._process is not None and self._process.poll() is None:
                 with suppress(OSError):
                     self._process.send_signal(signal.SIGTERM)
+                if self._process.stdin is not None:
+                    with suppress(OSError):
+                        self._process.stdin.close()
 
     def wait(self) -> None:
         """Wait for the end of the process, and kill it if it takes long."""
@@ -183,8 +188,8 @@ class _WorkerProcess:
         while (task := plan.take()) is not None:
             try:
                 result = self._done_by_process(task)
-            except OSError as error:  # no process can be started
-                reason = (error.strerror or str(error)).lower()
+            except Exception as error:  # such as a process that cannot be started
+                reason = " ".join(str(error).split()) or type(error).__name__
                 result = TaskResult(status=2, err=f"worker: {reason}", host=platform.node())
             plan.give(task, result)
 
@@ -198,9 +203,10 @@ class _WorkerProcess:
             process.stdin.write(json.dumps({"words": task.words}) + "\n")
             process.stdin.flush()
             for line in process.stdout:
-                if line.startswith(ANSWER):
-                    return TaskResult(**json.loads(line), host=platform.node())
-                others = [*others[-_LINES:], line]
+                before, mark, answer = line.partition(ANSWER)  # a library may have written before
+                if mark and (result := _parsed(answer)) is not None:
+                    return result
+                others = [*others[-_LINES:], line if not mark else before]
         except BrokenPipeError:
             pass
         status = process.wait()
@@ -221,12 +227,20 @@ class _WorkerProcess:
                     stdin=subprocess.PIPE,
                     stdout=subprocess.PIPE,
                     stderr=subprocess.STDOUT,
-                    env={**os.environ, **self._environment},
+                    env={**os.environ, **self._environment, MARKED: "1"},
                     encoding="utf-8",
                     errors="surrogateescape",
                     start_new_session=True,  # Ctrl-C reaches this process only, which ends them
                 )
             return self._process
+
+
+def _parsed(answer: str) -> TaskResult | None:
+    """Return the result that an answer holds; None if the worker died while it wrote it."""
+    try:
+        return TaskResult(**json.loads(answer), host=platform.node())
+    except (ValueError, TypeError):
+        return None
 
 
 def _signal(number: int) -> str:

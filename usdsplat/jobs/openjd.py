@@ -162,7 +162,7 @@ def _step(step: Step, bundle: Bundle, *, is_range: bool) -> dict[str, Any]:
     if step.after:
         found["dependencies"] = [{"dependsOn": name} for name in step.after]
     amounts = []
-    if bundle.device == "cuda":
+    if bundle.device == "cuda" and not step.after:  # tiles are joined without it
         amounts.append({"name": "amount.worker.gpu", "min": 1})
     if bundle.memory is not None:
         amounts.append({"name": "amount.worker.memory", "min": max(1, bundle.memory >> 20)})
@@ -195,10 +195,8 @@ def _argument(word: str | Slot) -> str:
     """
     if isinstance(word, Slot):
         return f"{word.flag}={{{{Task.Param.{_task_name(word.parameter)}}}}}"
-    known = (_reference(STAGE), _reference(OUTPUT))
-    rest = word
-    for each in known:
-        rest = rest.replace(each, "")
+    output = f"--output={_reference(OUTPUT)}/"
+    rest = "" if word == stage_word() else word.removeprefix(output)
     if "{{" in rest or "}}" in rest or _CONTROL.search(rest):
         raise UsageError("--openjd", repr(word), "a text without {{, }} and control characters")
     return word

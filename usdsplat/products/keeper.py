@@ -19,6 +19,8 @@ class OpenStage:
     engine: Engine
     stage: Stage
     findings: tuple[Finding, ...] = ()
+    files: tuple[str, ...] = ()
+    """Files that the engine does not name: those of a capture."""
 
 
 class EngineKeeper:
@@ -38,10 +40,10 @@ class EngineKeeper:
 
         It stays open after the context, unless the context ends with an error.
         """
-        if self._open is None or key != self._key or self._versions != _versions(self._open.engine):
+        if self._open is None or key != self._key or self._versions != _versions(self._open):
             self.close()
             self._open, self._key = make(), key
-            self._versions = _versions(self._open.engine)
+            self._versions = _versions(self._open)
         try:
             yield self._open
         except BaseException:
@@ -55,11 +57,11 @@ class EngineKeeper:
             found.engine.close()
 
 
-def _versions(engine: Engine) -> dict[str, tuple[int, int] | None]:
+def _versions(opened: OpenStage) -> dict[str, tuple[int, int] | None]:
     """Return size and time of each file of a stage; None for a file that cannot be read."""
     found: dict[str, tuple[int, int] | None] = {}
-    info = engine.stage_info()
-    for path in (*info.files, *info.clips):
+    info = opened.engine.stage_info()
+    for path in (*info.files, *info.clips, *opened.files):
         try:
             status = os.stat(path)
             found[path] = status.st_size, status.st_mtime_ns

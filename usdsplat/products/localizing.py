@@ -8,7 +8,7 @@ from pathlib import Path
 from pxr import UsdUtils
 
 from usdsplat.core.errors import OutputError, StageError
-from usdsplat.interchange.files import is_usd
+from usdsplat.interchange.files import capture_files, is_usd
 
 
 def localize(source: Path, folder: Path) -> Path:
@@ -28,9 +28,16 @@ def localize(source: Path, folder: Path) -> Path:
         raise OutputError(str(folder), "a folder that exists", "a new one")
     try:
         folder.mkdir(parents=True)
+    except OSError as error:
+        found = (error.strerror or str(error)).lower()
+        raise OutputError(str(folder), found, "a place for a folder") from error
+    try:
         target = folder / source.name
         if not is_usd(source) or source.suffix == ".usdz":
-            shutil.copyfile(source, target)
+            for file in map(Path, capture_files(source) or [str(source)]):
+                inside = target if file.name == source.name else _beside(target, source, file)
+                inside.parent.mkdir(parents=True, exist_ok=True)
+                shutil.copyfile(file, inside)
         elif not UsdUtils.LocalizeAsset(str(source), str(folder), False) or not target.is_file():
             raise StageError(str(source), "files that cannot be copied", "a stage without errors")
     except BaseException as error:
@@ -40,3 +47,8 @@ def localize(source: Path, folder: Path) -> Path:
             raise OutputError(str(folder), found, "a place to write") from error
         raise
     return target
+
+
+def _beside(target: Path, source: Path, file: Path) -> Path:
+    """Return the copy of a file that lies in the folder of a source, or below."""
+    return target.parent / file.relative_to(source.absolute().parent)

@@ -19,7 +19,8 @@ from usdsplat.products.header import stage_hash
 from usdsplat.products.holdouts import check_file, holdout_of, lacking_depth
 from usdsplat.products.preflight import findings_of, go_to
 from usdsplat.products.request import PicturePlan
-from usdsplat.products.tiles import TileStep, is_drawn, stamp
+from usdsplat.products.source_hash import source_hash
+from usdsplat.products.tiles import TileStep, is_drawn, remove_tiles, stamp
 from usdsplat.render.cost import Work
 from usdsplat.render.specs import CameraSpec
 
@@ -41,6 +42,8 @@ class DrawOptions:
     """Maximum memory of the process [byte]; None for no limit."""
     tile: TileStep | None = None
     """What to do with the tiles of each picture; None for whole pictures."""
+    files: tuple[Path, ...] = ()
+    """Files of a capture, on which tiles depend; empty for a stage, whose files are known."""
     fitted: tuple[float, ...] = ()
     """Frames that the camera of a picture without one frames; empty for the first, the middle and
     the last one."""
@@ -86,11 +89,11 @@ class Preparation:
     whole: dict[PicturePlan, PicturePlan]
     """Plan of what is drawn -> plan of the picture."""
     hash: str
-    """See `header.stage_hash`; "" without tiles."""
+    """Hash of the files of the stage or capture; "" without tiles."""
 
     def stamp(self, plan: PicturePlan, frame: float) -> str:
         """Return the stamp of a tile."""
-        return stamp(self.whole[plan], frame, stage_hash=self.hash)
+        return stamp(self.whole[plan], frame, self.cameras[plan], source=self.hash)
 
 
 def prepared(
@@ -103,13 +106,17 @@ def prepared(
     """Check everything before the first picture is drawn."""
     plans = [with_node_memory(plan, options.memory_limit) for plan in plans]
     whole = {options.tile.planned(plan) if options.tile else plan: plan for plan in plans}
-    jobs = _jobs(engine, whole, frames, options, findings)
+    files_of(plans, frames)  # raises an error if two pictures have one file
+    fitted = options.fitted or frames
+    cameras = {plan: _framing_camera(engine, whole[plan], fitted) for plan in whole}
+    source = ""
+    if options.tile is not None:
+        source = stage_hash(engine) or source_hash([str(path) for path in options.files])
+    jobs = _jobs(engine, whole, frames, options, findings, cameras, source)
     engine.expect(work_of(list(whole), frames))
     if engine.remark:
         findings.say(engine.remark)
     holdouts = _opened(jobs)
-    fitted = options.fitted or frames
-    cameras = {plan: _framing_camera(engine, whole[plan], fitted) for plan, _, _ in jobs}
     budgets = _budgets(engine, jobs, cameras, holdouts, options.memory_limit, findings)
     if findings.is_strict:
         for plan, frame, _ in jobs:
@@ -117,7 +124,7 @@ def prepared(
             if wrong := lacking_depth(plan, holdout_of(plan, frame)):
                 findings.add(wrong)
         findings.check()
-    return Preparation(jobs, cameras, budgets, whole, stage_hash(engine) if options.tile else "")
+    return Preparation(jobs, cameras, budgets, whole, source)
 
 
 def _budgets(
@@ -179,17 +186,30 @@ def files_of(plans: Sequence[PicturePlan], frames: Sequence[float]) -> list[tupl
     return names
 
 
+def _is_joined(engine: Engine, step: TileStep | None, whole: PicturePlan, job: _Job) -> bool:
+    """Return whether a join was done before and is repeated: the picture is whole, and its tiles
+    are gone."""
+    _, frame, path = job
+    if step is None or not step.joins or not path.exists() or step.has_tiles(path):
+        return False
+    return not difference(whole, frame, path, stage_hash=stage_hash(engine))
+
+
 def _jobs(
     engine: Engine,
     plans: dict[PicturePlan, PicturePlan],
     frames: Sequence[float],
     options: DrawOptions,
     findings: Findings,
+    cameras: dict[PicturePlan, CameraSpec | None],
+    source: str,
 ) -> list[_Job]:
     """Return the pictures to draw with their files, frame by frame.
 
     Args:
         plans: Plan of what is drawn -> plan of the picture.
+        cameras: Cameras of pictures that have none on the stage.
+        source: See `Preparation.hash`.
     """
     names = files_of(list(plans.values()), frames)
     jobs = [
@@ -198,7 +218,7 @@ def _jobs(
         for plan, group in zip(plans, names, strict=True)
     ]
     if options.existing == "replace":
-        return jobs
+        return [job for job in jobs if not _is_joined(engine, options.tile, plans[job[0]], job)]
     if options.existing == "error":
         there = next((path for _, _, path in jobs if path.exists()), None)
         if there is not None:
@@ -211,8 +231,11 @@ def _jobs(
         if found:
             findings.say(f"{path}: found {found}; it is drawn again")
         is_done = path.exists() and not found
-        if not is_done and step is not None and not step.joins:
-            is_done = is_drawn(step.path(path), stamp(whole, frame, stage_hash=current))
+        if is_done and step is not None:
+            remove_tiles(path)  # a join that was killed may have left some
+        elif step is not None and not step.joins:
+            stamped = stamp(whole, frame, cameras[plan], source=source)
+            is_done = is_drawn(step.path(path), stamped, engine.device)
         if not is_done:
             left.append((plan, frame, path))
     return left

@@ -21,14 +21,18 @@ import numpy.typing as npt
 from usdsplat import __version__
 from usdsplat.core.cloud import I64
 from usdsplat.core.errors import FormatError, OutputError, UsageError
+from usdsplat.core.folders import made_folder
 from usdsplat.delegate.engine import Engine
 from usdsplat.images.deep import DeepBand
+from usdsplat.images.frame_numbers import frame_path
 from usdsplat.products.deep import DeepReport, deep_bands, write_deep
 from usdsplat.products.flat import flat_bands, write_flat
 from usdsplat.products.picture_file import PictureFile, RowsWritten
 from usdsplat.products.request import NO_NAME, PicturePlan, Window
+from usdsplat.products.source_hash import source_hash
 from usdsplat.render.band import Band
 from usdsplat.render.frame_stats import FrameStats
+from usdsplat.render.specs import CameraSpec
 from usdsplat.sim.arrays_file import load_arrays, save_arrays
 
 MOST = 64
@@ -132,6 +136,10 @@ class TileStep:
         number = self.number if number is None else number
         return picture.with_name(f"{picture.name}.tiles") / f"{number:04d}-of-{self.tiling}.tile"
 
+    def has_tiles(self, picture: Path) -> bool:
+        """Return whether a tile of a picture exists."""
+        return any(self.path(picture).parent.glob("*.tile"))
+
     def write(
         self,
         engine: Engine,
@@ -163,26 +171,40 @@ class TileStep:
         return report, joined.stats
 
 
-def stamp(plan: PicturePlan, frame: float, *, stage_hash: str) -> str:
+def stamp(plan: PicturePlan, frame: float, camera: CameraSpec | None, *, source: str) -> str:
     """Return a text that is equal for tiles of one picture: a hash of all that it depends on, but
     the places of files.
 
     Args:
         plan: Plan of the whole picture.
         frame: Time code.
-        stage_hash: See `header.stage_hash`.
+        camera: Camera of a picture that has none on the stage.
+        source: Hash of the files of the stage, see `header.stage_hash`, or of the capture.
     """
+    read = [frame_path(plan.holdout, frame)] if plan.holdout else []
+    read += [Path(plan.settings.ocio_config)] if plan.settings.ocio_config else []
     placeless = replace(plan, output=NO_NAME, holdout=None, findings=())
-    values = [__version__, repr(placeless), repr(float(frame)), stage_hash]
+    values = [__version__, repr(placeless), repr(float(frame)), repr(camera), source]
+    values += [source_hash([str(path)]) for path in read]
     return hashlib.sha256("\0".join(values).encode(errors="surrogateescape")).hexdigest()
 
 
-def is_drawn(path: Path, stamped: str) -> bool:
-    """Return whether the file of a tile is complete and has a stamp."""
+def is_drawn(path: Path, stamped: str, device: str) -> bool:
+    """Return whether the file of a tile is complete, has a stamp, and was drawn by a device."""
     try:
-        return path.is_file() and load_arrays(path)[1].get("stamp") == stamped
+        known = load_arrays(path)[1] if path.is_file() else {}
     except (FormatError, OSError):
         return False
+    return known.get("stamp") == stamped and known.get("device") == device
+
+
+def remove_tiles(picture: Path) -> None:
+    """Remove all tiles of a picture, whatever their tiling; it is complete."""
+    folder = TileStep(Tiling(1, 1), 0).path(picture).parent
+    for path in folder.glob("*.tile"):
+        path.unlink(missing_ok=True)
+    with suppress(OSError):  # there is none, or other files are in it
+        folder.rmdir()
 
 
 _COUNTS = ("splats", "total", "visible", "of_trees", "missing")
@@ -233,7 +255,8 @@ def draw_tile(
         "counts": counts,
         "deep": None if report is None else asdict(report),
     }
-    save_arrays(file.path, arrays, meta)
+    with made_folder(file.path.parent):  # others may have removed it, when they failed
+        save_arrays(file.path, arrays, meta)
     return report
 
 
@@ -295,10 +318,7 @@ class JoinedTiles:
             write_deep(file, self._deep_bands(), self.report, rows_written=rows_written)
         else:
             write_flat(file, self._flat_bands(), rows_written=rows_written)
-        for path in self._paths:
-            path.unlink(missing_ok=True)
-        with suppress(OSError):  # other files are in it
-            self._paths[0].parent.rmdir()
+        remove_tiles(file.path)
         return self.report if file.plan.deep else None
 
     # --- private ---------------------------------------------------------------------------

@@ -130,6 +130,29 @@ def combinations(axes: Sequence[Axis], target: Path) -> tuple[Combination, ...]:
     return tuple(found)
 
 
+def planned(
+    stage: Usd.Stage,
+    target: Path,
+    frames: Sequence[float],
+    axes: Sequence[Axis],
+    options: WedgeOptions,
+) -> tuple[Combination, ...]:
+    """Check a wedge, and return its combinations. Arguments and errors are those of `wedge`."""
+    shown = frames[-1] if options.frame is None else options.frame
+    if shown not in frames:
+        expected = f"one of {frames[0]:g} to {frames[-1]:g}"
+        raise UsageError("--sheet-frame", f"{shown:g}", expected)
+    made = combinations(axes, target)
+    tried = twin(stage)
+    for setting in (each for axis in axes for each in axis.settings):
+        override(tried, setting, where="--wedge")
+    if options.simulate.existing == "error":
+        for path in (*(each.target for each in made), target.with_suffix(".png")):
+            if path.exists():
+                raise OutputError(str(path), "a file", "a new name, or --resume or --force")
+    return made
+
+
 def wedge(
     stage: Usd.Stage,
     target: Path,
@@ -159,19 +182,9 @@ def wedge(
         UsdSplatError: As for `simulate`. Finished bakes are kept.
     """
     findings = Findings() if findings is None else findings
-    shown = frames[-1] if options.frame is None else options.frame
-    if shown not in frames:
-        expected = f"one of {frames[0]:g} to {frames[-1]:g}"
-        raise UsageError("--sheet-frame", f"{shown:g}", expected)
-    made = combinations(axes, target)
+    made = planned(stage, target, frames, axes, options)
     sheet = target.with_suffix(".png")
-    tried = twin(stage)
-    for setting in (each for axis in axes for each in axis.settings):
-        override(tried, setting, where="--wedge")
-    if options.simulate.existing == "error":
-        for path in (*(each.target for each in made), sheet):
-            if path.exists():
-                raise OutputError(str(path), "a file", "a new name, or --resume or --force")
+    shown = frames[-1] if options.frame is None else options.frame
     reports = []
     for number, each in enumerate(made, 1):
         findings.say(f"{number} of {len(made)}: {each.target.name}")

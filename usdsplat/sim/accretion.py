@@ -29,9 +29,6 @@ CARRIER, LAYER = "accretion:carrier", "accretion:layer"
 """In `State.memory`: carrier and layer of a disc, -1 for other splats, shape (n,)."""
 GROWN = "accretion:grown"
 """In `State.globals`: 1 for carriers whose matter has begun, shape (c,)."""
-REACHED = "accretion:reached"
-"""In `State.globals`: time at which the pattern reached each carrier, where no front spreads [s],
-shape (c,)."""
 MOTIFS: dict[str, Callable[[Device, Carriers, float, int], Motif]] = {
     "cells": Cells, "veins": Veins, "plates": Plates, "needles": Needles,
 }  # fmt: skip
@@ -93,7 +90,6 @@ class Accretion:
         state.memory[CARRIER] = np.full(n, -1, np.int32)
         state.memory[LAYER] = np.full(n, -1, np.int32)
         state.globals[GROWN] = np.zeros(len(self._carriers), np.uint8)
-        state.globals[REACHED] = np.full(len(self._carriers), np.inf, np.float32)
 
     def due(
         self, state: State, uv: F32, knobs: AccretionParameters, maximum: int, now: float
@@ -109,10 +105,10 @@ class Accretion:
             now: Time since the simulation's start [s].
         """
         grown = state.globals[GROWN]
-        if knobs.motif == "pattern":
-            there = uv[:, 1] > BEGIN * knobs.low
+        if _has_motif(state, knobs):
+            there = self._look_at(state, knobs, now).rise > 0
         else:
-            there = self._look_at(state, uv, knobs, now).rise > 0
+            there = uv[:, 1] > BEGIN * knobs.low
         starts = there & (grown == 0) & (self._allowed(knobs) > 0)
         room = max(0, (maximum - len(state)) // knobs.layers)
         carriers = np.flatnonzero(starts)[:room]
@@ -150,10 +146,10 @@ class Accretion:
         device, run, c = self._device, self._device.run, self._carriers
         spacing, f = c.spacing, np.float32
         look: Look | None = None
-        if knobs.motif == "pattern":
+        if not _has_motif(state, knobs):
             values, heights = self._raised(uv, knobs)
         else:
-            look = self._look_at(state, uv, knobs, seconds)
+            look = self._look_at(state, knobs, seconds)
             values = look.tone
             lifted = np.where(look.rise > 0, f(LIFT) + f(knobs.relief) * look.rise, f(0))
             heights = lifted * self._allowed(knobs) * f(spacing)
@@ -171,7 +167,7 @@ class Accretion:
             )
         )  # fmt: skip
         if isinstance(self._motif, Needles):
-            self._place_needles(state, rows, uv, knobs, seconds, colors)
+            self._place_needles(state, rows, knobs, seconds, colors)
         else:
             run(
                 kernels.discs, rows, state.memory[CARRIER], state.memory[LAYER], knobs.layers,
@@ -210,12 +206,12 @@ class Accretion:
         return values * f(FULL_V), heights
 
     def _place_needles(
-        self, state: State, rows: I64, uv: F32, knobs: AccretionParameters, now: float, colors: F32
+        self, state: State, rows: I64, knobs: AccretionParameters, now: float, colors: F32
     ) -> None:
         """Compute the rest values of needles' splats."""
         assert isinstance(self._motif, Needles)
         p, spacing = self._motif.prisms, self._carriers.spacing
-        grown = self._motif.grown(self._arrival(state, uv, knobs, now), now)
+        grown = self._motif.grown(state.globals[ARRIVAL], now)
         numbers = np.array(
             [
                 knobs.relief * spacing, knobs.opacity, knobs.shade, knobs.gloss,
@@ -230,25 +226,14 @@ class Accretion:
             state.rest_opacities, colors,
         )  # fmt: skip
 
-    def _look_at(self, state: State, uv: F32, knobs: AccretionParameters, now: float) -> Look:
+    def _look_at(self, state: State, knobs: AccretionParameters, now: float) -> Look:
         """Return the look of the motif."""
-        arrival = self._arrival(state, uv, knobs, now)
         if self._motif is None:
             seed = self._seed + MOTIF_SEED
             self._motif = MOTIFS[knobs.motif](self._device, self._carriers, knobs.motif_size, seed)
-        return self._motif.at(arrival, now)
-
-    def _arrival(self, state: State, uv: F32, knobs: AccretionParameters, now: float) -> F32:
-        """Return the time at which front or pattern reached each carrier [s], shape (c,)."""
-        if ARRIVAL in state.globals:
-            arrival: F32 = state.globals[ARRIVAL]
-            return arrival
-        reached: F32 = state.globals[REACHED]
-        fresh = (uv[:, 1] > BEGIN * knobs.low) & np.isinf(reached)
-        if fresh.any():
-            reached = np.where(fresh, np.float32(now), reached)
-            state.globals[REACHED] = reached
-        return reached
+            if isinstance(self._motif, Needles):
+                self._motif.keep_to(self._allowed(knobs))
+        return self._motif.at(state.globals[ARRIVAL], now)
 
     def _tints(self, knobs: AccretionParameters, count: int) -> F32:
         """Return the colour by which each piece's is multiplied, shape (count, 3)."""
@@ -264,6 +249,11 @@ class Accretion:
         least = 2 * knobs.upward - 1.4
         part = np.clip((facing - least) / 0.4, 0, 1)
         return (self._weight * part * part * (3 - 2 * part)).astype(np.float32)
+
+
+def _has_motif(state: State, knobs: AccretionParameters) -> bool:
+    """Return whether matter has the shapes of a motif, which needs the times of a front."""
+    return knobs.motif != "pattern" and ARRIVAL in state.globals
 
 
 def _numbers(knobs: AccretionParameters, spacing: float) -> F32:

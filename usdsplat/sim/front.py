@@ -111,9 +111,11 @@ class Front:
         return np.minimum(found, others)
 
     def _seeds(self, selection: F32) -> I64:
-        """Return the carriers from which the front starts."""
+        """Return the carriers from which the front starts, on the outside if there are any."""
         mode, c = self._parameters.seed_mode, self._carriers
-        allowed = np.flatnonzero(selection > 0)
+        allowed = np.flatnonzero((selection > 0) & c.outer)
+        if not len(allowed):
+            allowed = np.flatnonzero(selection > 0)
         if mode == "affectors" or not len(allowed):
             return np.empty(0, np.int64)
         if mode == "selection":

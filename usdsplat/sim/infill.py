@@ -20,7 +20,7 @@ from usdsplat.kernels.sim.seeds import draw
 from usdsplat.sim.carriers import NEAR, NEAREST, WEIGHTS, Carriers
 from usdsplat.sim.outside import Light
 from usdsplat.sim.pieces import Pieces
-from usdsplat.sim.state import State
+from usdsplat.sim.state import DYING, FREE, State
 
 THICK = 0.42
 """Depth of a piece, relative to its size."""
@@ -91,20 +91,27 @@ class Infill:
         self._pieces, self._parents = pieces, ids[origin]
         self._fill = _filled(device, carriers, pieces, colors, size, seed + SEED)
 
-    def due(self, state: State) -> tuple[I64, I64]:
+    def due(self, state: State, *, maximum: int) -> tuple[I64, I64]:
         """Return the rows of the filling of pieces that have come loose since the last time, and
         the rows of the splats that they are children of; both of shape (d,).
 
         Args:
             state: Its record of what has been filled is updated.
+            maximum: Number of splats that the state may have; pieces for which there is no room
+                stay as they are.
         """
         loose = ~self._pieces.stands
         filled = state.globals.get(FILLED)
         if filled is None:
             filled = np.zeros(len(loose), np.uint8)
         state.globals[FILLED] = (loose | (filled > 0)).astype(np.uint8)
+        fresh = loose & (filled == 0)
+        if not fresh.any():
+            return np.empty(0, np.int64), np.empty(0, np.int64)
         piece = self._pieces.piece[self._fill.carriers]
-        chosen = np.flatnonzero((loose & (filled == 0))[piece])
+        sizes = np.bincount(piece, minlength=len(loose)) * fresh
+        fresh &= np.cumsum(sizes) <= max(0, maximum - len(state))
+        chosen = np.flatnonzero(fresh[piece])
         wanted = self._parents[self._fill.carriers[chosen]]
         rows = np.minimum(np.searchsorted(state.ids, wanted), len(state) - 1)
         alive = state.ids[rows] == wanted
@@ -119,6 +126,8 @@ class Infill:
             carriers[:, None].astype(np.int32), ((0, 0), (0, NEAREST - 1)), constant_values=-1
         )
         memory[WEIGHTS][first:] = np.eye(1, NEAREST, dtype=np.float32)
+        state.flags[first:] &= ~(FREE | DYING)  # they follow the piece, whatever their parents do
+        state.velocities[first:] = 0
         shared = state.sh is state.rest_sh
         names = ("rest_positions", "rest_rotations", "rest_scales", "rest_opacities", "rest_sh")
         for name in names:

@@ -8,6 +8,7 @@ import numpy as np
 
 from usdsplat.core.findings import Finding, finding
 from usdsplat.core.wording import counted
+from usdsplat.sim import styles
 from usdsplat.sim.carriers import Carriers
 from usdsplat.sim.specs import Affector, Moment, Recipe, Surface
 from usdsplat.sim.uses import Uses
@@ -48,6 +49,15 @@ def limit_findings(
             if first.becomes is not None:
                 expected = "a capture of surfaces; its splats do not become another one"
             yield finding("no-carriers", "splatSim:conform:mode", found, expected)
+        if uses.accretes and p.rd.domain == "carrier":
+            expected = "a capture of surfaces; nothing grows"
+            yield finding("no-carriers", "splatSim:accretion:enabled", found, expected)
+    motif = styles.resolved(p.accretion).motif
+    if uses.accretes and motif != "pattern" and not p.rd.front_speed > 0:
+        found = f"{motif} and no front, rd:frontSpeed {p.rd.front_speed:g}"
+        expected = "a positive rd:frontSpeed"
+        cure = f"make it {expected}; matter grows where the pattern is, without the motif"
+        yield finding("unused", "splatSim:accretion:motif", found, expected, cure=cure)
     if uses.accretes and p.rd.domain != "carrier":
         found, expected = f"new matter and rd:domain {p.rd.domain}", "rd:domain carrier"
         cure = f"make it {expected}; nothing grows"
@@ -65,7 +75,8 @@ def limit_findings(
         yield finding("long-steps", "splatSim:sim:substeps", f"steps of {dt:g} s", expected)
     size = _size(recipe.rest.positions)
     for each in first.affectors:
-        extent = _largest(each)
+        pushes = each.parameters.enabled and each.parameters.role == "collide"
+        extent = _largest(each) if pushes else 0.0
         if size > 0 and extent > VAST * size:
             found = f"{each.path}, of {extent:g}, and a capture of {size:g}"
             expected = f"affectors of at most {VAST:g} times its size; splats are moved that far"

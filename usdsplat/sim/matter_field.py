@@ -94,7 +94,7 @@ class MatterField:
         knobs = resolved(first.parameters.matter)
         self.filling: Infill | None = None
         """What fills pieces that break off; None for matter that does not break into pieces."""
-        if self.matter.pieces is not None and breaks(knobs):
+        if self.matter.pieces is not None and breaks(knobs) and knobs.fill:
             ids = np.arange(len(recipe.rest)) if recipe.rest.ids is None else recipe.rest.ids
             self.filling = Infill(
                 device, carriers, self.matter.pieces, colors=colors, origin=rows, ids=ids,

@@ -48,6 +48,7 @@ class Morph(TransportConform):
         carriers: Its carriers.
         becomes: The other capture, in the same space.
         ids, select, order, parameters: See `TransportConform`.
+        up: Unit vector upwards.
     """
 
     def __init__(
@@ -61,11 +62,12 @@ class Morph(TransportConform):
         select: F32,
         order: F32 | None,
         parameters: Parameters,
+        up: tuple[float, float, float],
     ) -> None:
         super().__init__(
             device, rest, carriers, ids=ids, select=select, order=order, parameters=parameters
         )
-        self._becomes = becomes
+        self._becomes, self._up = becomes, up
         self._frames = _frames(rest.positions, becomes.positions)
         self._back: Carrying | None = None
         self._natives = np.zeros(len(select), np.bool_)
@@ -194,7 +196,8 @@ class Morph(TransportConform):
         rest = self._moving
         sheet = self._thinned(outer_sheet(device, self._carriers, rest))
         most = self._parameters.carriers.count
-        others = Carriers.of(device, cloud, seed=self._parameters.sim.seed, most=most)
+        seed = self._parameters.sim.seed
+        others = Carriers.of(device, cloud, seed=seed, most=most, up=self._up)
         goal = self._thinned(outer_sheet(device, others, cloud))
         ground = self._ground(mesh, 0, goal)
         with phase("transport", work=len(sheet)):

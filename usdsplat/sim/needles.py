@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from usdsplat.core.cloud import F32, I32
+from usdsplat.core.cloud import F32, I32, I64
 from usdsplat.kernels.device import Device
 from usdsplat.kernels.points.nearest import nearest
 from usdsplat.sim.carriers import Carriers
@@ -60,10 +60,7 @@ class Needles:
         k = len(sites)
         self._sites = sites
         site = nearest(device, places[sites], places, 1)[0][:, 0]
-        order = np.argsort(site, kind="stable")
-        count = np.bincount(site, minlength=k)
-        rank = np.empty(len(site), np.int64)
-        rank[order] = np.arange(len(site)) - np.repeat(np.cumsum(count) - count, count)
+        rank, count = _ranked(site.astype(np.int64), np.ones(len(site), np.bool_), k)
         middles = places[sites_of(device, carriers, GROUP * size, seed + 1)]
         near, apart = nearest(device, middles, places[sites], 1)
         reach = 0.5 * GROUP * size * carriers.spacing
@@ -86,9 +83,21 @@ class Needles:
         radii = SLIM * lengths**0.75 * (0.65 + 0.7 * drawn(device, k, seed + 6))
         self.prisms = Prisms(
             bases=places[sites], axes=_f32(axes), lengths=_f32(lengths),
-            radii=_f32(radii), site=site.astype(np.int32), rank=rank.astype(np.int32),
-            count=count.astype(np.int32),
+            radii=_f32(radii), site=site.astype(np.int32), rank=rank, count=count,
         )  # fmt: skip
+
+    def keep_to(self, allowed: F32) -> None:
+        """Make needles of the carriers that may grow only, and shorter where they may less.
+
+        Args:
+            allowed: Factor of the height of each carrier, shape (c,).
+        """
+        p = self.prisms
+        rank, count = _ranked(p.site.astype(np.int64), allowed > 0, len(p.count))
+        part = allowed[self._sites]
+        self.prisms = replace(
+            p, rank=rank, count=count, lengths=p.lengths * part, radii=p.radii * np.sqrt(part)
+        )
 
     def grown(self, arrival: F32, now: float) -> F32:
         """Return the part of its length that each needle has grown, shape (k,)."""
@@ -102,6 +111,17 @@ class Needles:
         grown = self.grown(arrival, now)[site]
         rise = self.prisms.lengths[site] * grown
         return Look(rise=_f32(rise), tone=_f32(0.5 * grown), piece=site)
+
+
+def _ranked(site: I64, kept: npt.NDArray[np.bool_], k: int) -> tuple[I32, I32]:
+    """Return the place of each carrier among the kept ones of its needle, shape (c,), and the
+    number of kept carriers of each of k needles."""
+    rows = np.flatnonzero(kept)
+    rows = rows[np.argsort(site[rows], kind="stable")]
+    count = np.bincount(site[rows], minlength=k)
+    rank = np.zeros(len(site), np.int32)
+    rank[rows] = np.arange(len(rows)) - np.repeat(np.cumsum(count) - count, count)
+    return rank, count.astype(np.int32)
 
 
 def _f32(values: npt.NDArray[Any]) -> F32:

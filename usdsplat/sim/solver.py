@@ -270,7 +270,7 @@ class Solver:
         """Let splats join: those of another capture, and the filling of pieces that broke off."""
         state, n = self.state, len(self.state)
         joined = join(self._parts, state, moment, now)
-        if not fill(self._parts, state, now) and not joined:
+        if not fill(self._parts, state, moment, now) and not joined:
             return
         self._masks.update(state, self._moment, self.seconds)
         self._targets = self._target_pose.at(state, self._moment, self.seconds)[0]

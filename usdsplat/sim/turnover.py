@@ -44,18 +44,19 @@ def accrete(parts: Parts, state: State, moment: Moment, step: Step) -> list[I64]
     return changes
 
 
-def fill(parts: Parts, state: State, now: float) -> bool:
+def fill(parts: Parts, state: State, moment: Moment, now: float) -> bool:
     """Fill the pieces that have broken off since the last time; return whether there are any.
 
     Args:
         parts: Parts of the solver.
         state: All of its arrays may be replaced.
+        moment: Values of the stage.
         now: Time since the simulation's start [s].
     """
     filling = None if parts.matter is None else parts.matter.filling
     if filling is None:
         return False
-    chosen, rows = filling.due(state)
+    chosen, rows = filling.due(state, maximum=moment.parameters.sim.max_count)
     if not len(rows):
         return False
     population.append(state, rows, now=now)

@@ -44,7 +44,7 @@ class Uses:
     coheres: bool = False
     """Whether splats follow matter."""
     breaks: bool = False
-    """Whether matter breaks into pieces, which are filled."""
+    """Whether matter breaks into pieces that are filled."""
     transports: bool = False
     """Whether splats move onto a target by transport of the field's carriers."""
     joins: bool = False
@@ -101,7 +101,7 @@ def uses_at(moment: Moment, has_skin: bool) -> Uses:
     accretes = reacts and p.accretion.enabled
     has_target = moment.target is not None or moment.becomes is not None
     conforms = has_target and p.conform.weight > 0
-    filled = breaks(resolved(p.matter))
+    filled = breaks(resolved(p.matter)) and p.matter.fill
     asks = reacts or conforms or p.matter.enabled or p.dissolve.enabled
     refines = refine.enabled == "on" or (refine.enabled == "auto" and asks)
     return Uses(

@@ -107,7 +107,11 @@ def begin_tree(
     errors are those of `build_tree`.
     """
     with output_lock(target):
-        _opened_job(sources, target, options, progress)
+        try:
+            _opened_job(sources, target, options, progress)
+        except (FormatError, StageError, UsageError):
+            WorkFolder.remove_of(target)  # another attempt would fail too
+            raise
 
 
 def build_part(

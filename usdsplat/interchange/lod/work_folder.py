@@ -66,6 +66,11 @@ class WorkFolder:
         known = _read(_building(final) / _JOB)
         return bool(known == _job(inputs, options))
 
+    @staticmethod
+    def remove_of(target: Path) -> None:
+        """Remove the folder of a building that cannot go on."""
+        shutil.rmtree(_building(Path(os.path.realpath(target))), ignore_errors=True)
+
     def surveys(self) -> list[Survey] | None:
         """Return the stored surveys, or None."""
         found = _read(self.path / _SURVEYS)

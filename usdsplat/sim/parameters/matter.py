@@ -90,6 +90,9 @@ class MatterParameters:
         range=(0.0, 1e4),
         uniform=True,
     )
+    fill: bool = knob(
+        True, "whether pieces that break off get a back and broken faces: new splats", uniform=True
+    )
     iterations: int = knob(
         3, "passes over all constraints in a substep: more hold more exactly", range=(1, 64)
     )

@@ -77,6 +77,7 @@ class Bake:
         """Frames of the shorter bake."""
         self._start_hash = ""
         self._keeps = True
+        self._is_stopped = False
         self.resumed: Checkpoint | None = None
         """Checkpoint to continue from: states after the frame `resumed.time`."""
         self.is_complete = False
@@ -148,9 +149,9 @@ class Bake:
 
     def is_checkpoint_due(self, time: float) -> bool:
         """Return whether `checkpoint` must be called after a frame."""
-        return self._is_regular(time) or self._is_start(time)
+        return self.is_resumable(time) or self._is_start(time)
 
-    def _is_regular(self, time: float) -> bool:
+    def is_resumable(self, time: float) -> bool:
         """Return whether an interrupted bake can be resumed after a frame."""
         done = self._times.index(time) + 1
         return done % self._parameters.checkpoint_every == 0 and done < len(self._times)
@@ -203,7 +204,7 @@ class Bake:
         )
         if self._is_start(time):
             checkpoints.save(self._layers.kept, replace(where, parameter_hash=self._start_hash))
-        if not self._is_regular(time):
+        if not self.is_resumable(time):
             return
         checkpoints.save(self._layers.checkpoint, where)
         self._remember()
@@ -256,10 +257,14 @@ class Bake:
         trace: TracebackType | None,
     ) -> None:
         try:
-            if error is None:
+            if error is None and not self._is_stopped:
                 self.close()
         finally:
             self._leave()
+
+    def stop(self) -> None:
+        """Leave the bake unfinished, to be resumed from its last checkpoint."""
+        self._is_stopped = True
 
     def _leave(self) -> None:
         """Remove what an unfinished bake cannot use: everything before the first checkpoint, and

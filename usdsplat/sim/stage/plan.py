@@ -146,7 +146,7 @@ def _check(prim: Usd.Prim, field: BakedField, parameters: BakeParameters) -> Non
             found = "usd-core " + ".".join(str(each) for each in Usd.GetVersion()[1:])
             raise StageError("bake:mode edit", found, "26.3 or later")
         if not field.is_fixed:
-            found = "splats that are born, die or are divided"
+            found = "splats that are born, die, are divided, or fill broken pieces (matter:fill)"
             raise StageError(f"{where}, bake:mode edit", found, "the same splats at all frames")
         if schema.is_tree(prim):
             raise StageError(f"{where}, bake:mode edit", "a splat tree", "a stock field")

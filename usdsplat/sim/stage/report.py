@@ -26,9 +26,13 @@ class Report:
     """Seconds of each phase of the preparation and of the whole run, without those in it."""
     megabytes: float = 0.0
     """Peak memory of the process."""
+    is_finished: bool = True
+    """Whether all frames are baked; False if the simulation stopped at `SimulateOptions.until`."""
 
     def sentence(self) -> str:
         """Return the report as a sentence."""
+        if not self.frames and not self.is_finished:
+            return "nothing to do before the frame of --until"
         if not self.frames:
             return "nothing to do: all frames are baked already"
         slowest = sorted(self.stages.items(), key=lambda item: -item[1])[:3]

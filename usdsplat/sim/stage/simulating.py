@@ -45,6 +45,9 @@ class SimulateOptions:
     or replace it."""
     keeps_checkpoint: bool = True
     """Whether a finished bake keeps the checkpoint from which frames can be added."""
+    until: float | None = None
+    """Frame from which the simulation stops after the next checkpoint [time code], so that it is
+    resumed; None finishes the bake."""
 
 
 SIMULATE = SimulateOptions()
@@ -102,7 +105,7 @@ def simulate(
                     keeps=options.keeps_checkpoint,
                 )  # fmt: skip
                 findings.extend(simulation.findings)
-                report = _run(simulation, bake, provenance, clock, findings)
+                report = _run(simulation, bake, provenance, clock, findings, options.until)
         finally:
             if device is not options.device:
                 device.close()
@@ -137,17 +140,22 @@ def _run(
     provenance: Provenance,
     clock: Clock,
     findings: Findings,
+    until: float | None,
 ) -> Report:
     """Simulate the frames that a bake lacks, and write them."""
     spent: list[float] = []
     states = None if bake.resumed is None else dict(bake.resumed.states)
     left = list(bake.left)
+    if until is not None and bake.resumed is not None and bake.resumed.time >= until:
+        left = []
     if left:
         with phase("beginning"):
             simulation.begin(states)
         provenance.resolved.update({path: simulation.resolved(path) for path in simulation.recipes})
         findings.extend(simulation.findings)
     findings.check()
+    if not left and not bake.is_complete:
+        bake.stop()
     with bake, phase("simulating", total=len(left)) as simulating:
         for number, frame in enumerate(left):
             start = clock.now
@@ -161,6 +169,9 @@ def _run(
                 clock.lap("checkpoints")
             spent.append(clock.now - start)
             simulating.step(number + 1)
+            if until is not None and frame >= until and bake.is_resumable(frame):
+                bake.stop()
+                break
     clock.lap("writing")
     for path, solver in simulation.solvers.items():
         if solver.trapped:
@@ -169,7 +180,8 @@ def _run(
             findings.add(finding("trapped-splats", path, found, expected))
     return Report(
         target=str(bake.target),
-        frames=len(left),
+        frames=len(spent),
+        is_finished=bake.is_complete,
         splats={path: len(solver.state) for path, solver in simulation.solvers.items()},
         seconds=clock.elapsed,
         seconds_per_frame=float(np.median(spent[1:] or spent or [0.0])),

@@ -26,7 +26,7 @@ _SEEDS, _FEWEST_SEEDS = 12, 3
 
 def _author(scene: Scene, sim: Usd.Prim, choice: Choice) -> None:
     # as many carriers as splats at most: what is finer than the splats shows nothing more
-    spacing = expected_spacing(open_device(threads=1), scene.cloud, most=scene.count)
+    spacing = expected_spacing(open_device("cpu"), scene.cloud, most=scene.count)
     unit = max(scene.size / _CARRIERS, spacing * scene.field_unit)
     seconds = scene.last / RATE
     assert choice.name is not None  # the option has a default

@@ -1,0 +1,94 @@
+"""Tests of `usdsplat simulate` as a job: the same bakes by tasks that resume each other."""
+
+from __future__ import annotations
+
+import os
+import random
+import subprocess
+import sys
+
+import pytest
+from pxr import Usd
+
+from tests.cli.conftest import passing_sphere
+from usdsplat.sim.stage.authoring import author
+
+pytestmark = pytest.mark.usefixtures("compiled")
+FRAMES = ("--frames", "1:4", "-q", "--device", "cpu")
+
+
+@pytest.fixture
+def pushed(shot, tmp_path):
+    """A stage whose splats are pushed, with a checkpoint at each frame."""
+    stage = Usd.Stage.Open(str(shot))
+    sim = stage.DefinePrim("/Sim", "SplatSim")
+    sim.GetRelationship("collection:splats:includes").AddTarget("/World")
+    passing_sphere(stage, "/Ball")
+    author(sim, {"bake:checkpointEvery": 1})
+    stage.Save()
+    return shot
+
+
+def files(folder):
+    """Names and bytes of all files of bakes, but for the pictures."""
+    return {
+        str(path.relative_to(folder)): path.read_bytes()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file() and path.suffix != ".png"
+    }
+
+
+def test_a_bake_that_stops_is_resumed_to_the_same_bytes(run_json, pushed, tmp_path):
+    """Oracle: the bytes of a bake at once."""
+    run_json("simulate", pushed, "-o", tmp_path / "once" / "b.usda", *FRAMES)
+    words = ("simulate", pushed, "-o", tmp_path / "parts" / "b.usda", *FRAMES)
+    report = run_json(*words, "--until", "2")
+    assert report["frames"] == 2 and not report["is_finished"]
+    report = run_json(*words, "--resume", "--until", "2")
+    assert report["frames"] == 0 and not report["is_finished"]
+    report = run_json(*words, "--resume", "--until", "3")
+    assert report["frames"] == 1 and not report["is_finished"]
+    report = run_json(*words, "--resume")
+    assert report["frames"] == 1 and report["is_finished"]
+    assert files(tmp_path / "parts") == files(tmp_path / "once")
+
+
+def test_jobs_bake_a_wedge_as_one_process(run_json, pushed, tmp_path):
+    """Oracle: the bytes of the bakes of one process, and the same contact sheet."""
+    axes = ("--wedge", "settle:omega=4,8")
+    run_json("simulate", pushed, "-o", tmp_path / "once" / "b.usda", *FRAMES, *axes)
+    words = ("simulate", pushed, "-o", tmp_path / "job" / "b.usda", *FRAMES, *axes)
+    report = run_json(*words, "--jobs", "2", "--chunk", "2")
+    assert len(report["bakes"]) == 2
+    assert files(tmp_path / "job") == files(tmp_path / "once")
+    pictures = [(tmp_path / each / "b.png").read_bytes() for each in ("job", "once")]
+    assert pictures[0] == pictures[1]
+
+
+def test_a_bake_is_not_replaced_unasked(run, run_json, pushed, tmp_path):
+    """Oracle: the sentence, and the file."""
+    run_json("simulate", pushed, "-o", tmp_path / "b.usda", *FRAMES)
+    before = (tmp_path / "b.usda").read_bytes()
+    words = ("simulate", pushed, "-o", tmp_path / "b.usda", *FRAMES, "--jobs", "1")
+    status, _, err = run(*words)
+    assert status == 2 and "found a file, expected a new name, or --resume" in err
+    status, _, err = run(*words, "--force")
+    assert status == 2 and "--force: found it with --jobs or --dask" in err
+    assert (tmp_path / "b.usda").read_bytes() == before
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(4))
+def test_a_job_that_is_killed_goes_on(pushed, tmp_path, run_json, seed):
+    """Oracle: the bytes of one process, after the job was killed at a random moment."""
+    run_json("simulate", pushed, "-o", tmp_path / "once" / "b.usda", *FRAMES)
+    words = ("simulate", pushed, "-o", tmp_path / "job" / "b.usda", *FRAMES, "--jobs", "1")
+    command = [sys.executable, "-m", "usdsplat", *map(str, words), "--chunk", "1"]
+    client = subprocess.Popen(command, env={**os.environ, "USDSPLAT_SUPERVISE": "0"})
+    try:
+        client.wait(random.Random(seed).uniform(2, 9))
+    except subprocess.TimeoutExpired:
+        client.kill()
+        client.wait()
+    subprocess.run([*command, "--resume"], check=True, timeout=300)
+    assert files(tmp_path / "job") == files(tmp_path / "once")
