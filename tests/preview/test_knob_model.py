@@ -42,7 +42,7 @@ def editor(instance, name):
 def test_every_knob_has_an_editor_that_json_can_hold(cls):
     """Oracle: strict JSON, which has no infinity; and the declared knobs but lists of vectors."""
     made = editors_of(cls())
-    lists = {"DeformParameters": {"points"}, "AccretionParameters": {"ramp"}}
+    lists = {"DeformParameters": {"points"}, "AccretionParameters": {"ramp", "tints"}}
     left = lists.get(cls.__name__, set())
     assert {each.name for each in made} == {item.name for item in knobs(cls)} - left
     for each in made:

@@ -274,7 +274,8 @@ def _simulate(
         return
     if report.is_finished:
         console.say_path(target)
-    reporter.remark(report.sentence())
+    if not options.job.is_asked:  # its tasks did the work
+        reporter.remark(report.sentence())
 
 
 def _wedge(

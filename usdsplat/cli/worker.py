@@ -27,6 +27,7 @@ from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from usdsplat.cli import console
 from usdsplat.cli.reporting import Reporter, ReportingOptions
 from usdsplat.core import interrupt
 from usdsplat.core.errors import UsageError
@@ -65,7 +66,7 @@ def run(options: Options, reporter: Reporter) -> int:
             result = carried_out(_words(line), keeper)
             interrupt.check()  # what was interrupted has no result: another worker takes the task
             answer = {name: value for name, value in asdict(result).items() if name != "host"}
-            _answer(json.dumps(answer), ANSWER if of_job else "")
+            console.say(f"{ANSWER if of_job else ''}{json.dumps(answer)}")
             lines.task_done()
     finally:
         keeper.close()
@@ -116,17 +117,6 @@ def run_on_dask_worker(words: Sequence[str], folder: str, *before: object) -> di
     if result.status:
         raise TaskFailed(tuple(words), result.status, result.reason, host)
     return {**asdict(result), "host": host}
-
-
-def _answer(text: str, mark: str) -> None:
-    """Write a line to stdout.
-
-    Args:
-        text: The line.
-        mark: What it begins with, so that it is told from messages of libraries.
-    """
-    sys.stdout.write(f"{mark}{text}\n")
-    sys.stdout.flush()
 
 
 def _read(lines: queue.Queue[str | None], of_job: bool) -> None:

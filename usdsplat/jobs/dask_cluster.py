@@ -91,14 +91,16 @@ def run_on_dask(job: Job, cluster: DaskCluster, run_task: RunTask) -> Iterator[O
                 *(futures[each] for each in before),
                 key=f"usdsplat-{run}-{number}",
                 retries=cluster.retries,
+                priority=len(before),  # tiles are joined as soon as they are drawn
                 pure=False,
             )
         submitted = [future.key for future in futures.values()]
         try:
             yield from _ended(futures)
-        except CancelledError as error:
+        except (CancelledError, OSError) as error:
+            expected = "one that runs; --resume goes on"
             raise BackendError(
-                f"--dask {cluster.address}", "a scheduler that ended", "one"
+                f"--dask {cluster.address}", "a scheduler that ended", expected
             ) from error
         finally:
             with suppress(Exception):  # the scheduler may be gone

@@ -27,7 +27,7 @@ BEAT = 0.2
 """Time between looks at signals [s]."""
 PATIENCE = 5.0
 """Time for a worker to end after SIGTERM [s]."""
-ANSWER = "\x1eusdsplat: "
+ANSWER = "usdsplat-answer: "
 """Beginning of a worker's answer; all else on its streams are messages of libraries."""
 MARKED = "USDSPLAT_JOB_WORKER"
 """Variable of workers of a job: they mark answers with ANSWER, and end with their parent."""
@@ -104,7 +104,8 @@ class _Plan:
         """Wait for a task that can begin, and return it; None if there will be no more."""
         with self._changed:
             while not self._is_closed:
-                for task in self.waiting:
+                # those that others had to precede come first: tiles are joined when they are drawn
+                for task in sorted(self.waiting, key=lambda task: not self.needs[task]):
                     if all(each in self._done for each in self.needs[task]):
                         self.waiting.remove(task)
                         return task

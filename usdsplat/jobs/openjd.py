@@ -52,7 +52,7 @@ class Bundle:
 
 
 def write_bundle(job: Job, bundle: Bundle) -> list[Path]:
-    """Write the files of a bundle, but for its inputs, and return their paths.
+    """Write the files of a bundle whose inputs are in place, and return their paths.
 
     JSON is YAML, so the files are written as JSON.
 
@@ -61,7 +61,9 @@ def write_bundle(job: Job, bundle: Bundle) -> list[Path]:
         OutputError: If a file cannot be written.
     """
     template = template_of(job, bundle)
-    inputs = [str(bundle.folder.absolute() / bundle.stage), *bundle.inputs]
+    assets = bundle.folder.absolute() / ASSETS
+    inputs = [str(each) for each in sorted(assets.rglob("*")) if each.is_file()]
+    inputs += bundle.inputs
     references = {
         "assetReferences": {
             "inputs": {"filenames": inputs, "directories": []},
@@ -69,7 +71,12 @@ def write_bundle(job: Job, bundle: Bundle) -> list[Path]:
             "referencedPaths": [],
         }
     }
-    values = [{"name": each["name"], "value": each["default"]} for each in template[_DEFINITIONS]]
+    # submitters resolve the defaults of paths in the folder of the bundle, but not values
+    values = [
+        {"name": each["name"], "value": each["default"]}
+        for each in template[_DEFINITIONS]
+        if each["type"] != "PATH"
+    ]
     texts = {
         TEMPLATE: template,
         VALUES: {"parameterValues": values},

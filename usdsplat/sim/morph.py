@@ -21,9 +21,9 @@ from usdsplat.sim.carrying import Carrying
 from usdsplat.sim.conform import Rows
 from usdsplat.sim.conform_transport import MOST, TransportConform, below
 from usdsplat.sim.grounds import SheetGround, frame_triangle
-from usdsplat.sim.parameters import ConformParameters, Parameters
+from usdsplat.sim.parameters import ConformParameters
 from usdsplat.sim.sheets import Sheet, outer_sheet
-from usdsplat.sim.specs import Surface
+from usdsplat.sim.specs import Moment, Surface
 from usdsplat.sim.target_mesh import TargetMesh
 from usdsplat.sim.transport_map import TransportMap, match
 
@@ -47,8 +47,8 @@ class Morph(TransportConform):
         rest: The capture at rest.
         carriers: Its carriers.
         becomes: The other capture, in the same space.
-        ids, select, order, parameters: See `TransportConform`.
-        up: Unit vector upwards.
+        ids, select: See `TransportConform`.
+        first: Values of the stage at the first frame.
     """
 
     def __init__(
@@ -60,14 +60,13 @@ class Morph(TransportConform):
         *,
         ids: I64,
         select: F32,
-        order: F32 | None,
-        parameters: Parameters,
-        up: tuple[float, float, float],
+        first: Moment,
     ) -> None:
         super().__init__(
-            device, rest, carriers, ids=ids, select=select, order=order, parameters=parameters
-        )
-        self._becomes, self._up = becomes, up
+            device, rest, carriers, ids=ids, select=select, order=first.order,
+            parameters=first.parameters,
+        )  # fmt: skip
+        self._becomes, self._up = becomes, first.up
         self._frames = _frames(rest.positions, becomes.positions)
         self._back: Carrying | None = None
         self._natives = np.zeros(len(select), np.bool_)

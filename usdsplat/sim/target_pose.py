@@ -58,7 +58,7 @@ class TargetPose:
         if carriers is not None and first.becomes is not None:
             self._conform = Morph(
                 device, rest, carriers, first.becomes,
-                ids=ids, select=select, order=first.order, parameters=p, up=first.up,
+                ids=ids, select=select, first=first,
             )  # fmt: skip
         elif (
             carriers is not None

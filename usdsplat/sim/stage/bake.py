@@ -77,7 +77,8 @@ class Bake:
         """Frames of the shorter bake."""
         self._start_hash = ""
         self._keeps = True
-        self._is_stopped = False
+        self.is_stopped = False
+        """Whether the bake is left unfinished, to be resumed from its last checkpoint."""
         self.resumed: Checkpoint | None = None
         """Checkpoint to continue from: states after the frame `resumed.time`."""
         self.is_complete = False
@@ -257,14 +258,10 @@ class Bake:
         trace: TracebackType | None,
     ) -> None:
         try:
-            if error is None and not self._is_stopped:
+            if error is None and not self.is_stopped:
                 self.close()
         finally:
             self._leave()
-
-    def stop(self) -> None:
-        """Leave the bake unfinished, to be resumed from its last checkpoint."""
-        self._is_stopped = True
 
     def _leave(self) -> None:
         """Remove what an unfinished bake cannot use: everything before the first checkpoint, and

@@ -155,7 +155,7 @@ def _run(
         findings.extend(simulation.findings)
     findings.check()
     if not left and not bake.is_complete:
-        bake.stop()
+        bake.is_stopped = True
     with bake, phase("simulating", total=len(left)) as simulating:
         for number, frame in enumerate(left):
             start = clock.now
@@ -170,7 +170,7 @@ def _run(
             spent.append(clock.now - start)
             simulating.step(number + 1)
             if until is not None and frame >= until and bake.is_resumable(frame):
-                bake.stop()
+                bake.is_stopped = True
                 break
     clock.lap("writing")
     for path, solver in simulation.solvers.items():

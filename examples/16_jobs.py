@@ -1,6 +1,6 @@
 """Draw a sequence as a job of two processes, in tiles, and write the same job for a farm.
 
-python examples/15_jobs.py [FOLDER]
+python examples/16_jobs.py [FOLDER]
 """
 
 from __future__ import annotations
