@@ -23,7 +23,7 @@ def test_frames_of_a_cut_are_a_field_on_the_stage_until_a_reset(tmp_path: Path) 
     stage.SetStartTimeCode(1)
     stage.SetEndTimeCode(3)
     with_simulation(stage, **{"sim:treeLevel": 1})
-    simulation = Simulation(stage, [1.0, 2.0], device=open_device())
+    simulation = Simulation(stage, [1.0, 2.0], device=open_device(task="geometry"))
     simulation.begin()
     simulation.advance()
     expected = simulation.frame(TREE).cloud

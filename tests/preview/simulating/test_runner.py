@@ -36,7 +36,7 @@ def shown(host: Host, frame: float | None) -> SplatCloud:
 def played(stage: Usd.Stage, last: int) -> list[SplatCloud]:
     """The field at each frame, by the solver alone."""
     frames = [float(frame) for frame in range(1, last + 1)]
-    simulation = Simulation(stage, frames, device=open_device())
+    simulation = Simulation(stage, frames, device=open_device(task="geometry"))
     simulation.begin()
     found = [simulation.frame(FIELD).cloud]
     for _ in frames[1:]:
