@@ -282,7 +282,6 @@ class JoinedTiles:
 
     def __init__(self, step: TileStep, picture: Path, whole: Window, stamped: str) -> None:
         self._tiling, self._whole = step.tiling, whole
-        self._tiles: list[dict[str, Array]] = []
         self.stats = FrameStats()
         """Counts of the picture."""
         self.report = DeepReport()
@@ -292,14 +291,13 @@ class JoinedTiles:
         for path in self._paths:
             if not path.is_file():
                 raise OutputError(str(path), "no file", "a tile that was drawn before: --tile N")
-            arrays, meta = load_arrays(path, mapped=True, checked=False)
+            _, meta = load_arrays(path, mapped=True, checked=False)
             if meta["stamp"] != stamped:
                 raise OutputError(str(path), "a tile of another picture", "one of this picture")
             devices.add(meta["device"])
             if len(devices) > 1:
                 found = f"tiles that {' and '.join(sorted(devices))} drew"
                 raise OutputError(str(picture), found, "tiles of one device: --device")
-            self._tiles.append(arrays)
             counts = meta["counts"]
             for name in _COUNTS:
                 setattr(self.stats, name, max(getattr(self.stats, name), counts[name]))
@@ -337,7 +335,9 @@ class JoinedTiles:
         and these tiles, from the left."""
         for row in range(self._tiling.rows):
             first = row * self._tiling.columns
-            tiles = self._tiles[first : first + self._tiling.columns]
+            paths = self._paths[first : first + self._tiling.columns]
+            # mapped files are open files: only those of one row of tiles at a time
+            tiles = [load_arrays(path, mapped=True, checked=False)[0] for path in paths]
             _, top, _, bottom = self._tiling.window(first + 1, self._whole)
             for y0 in range(top, bottom, _ROWS):
                 yield y0, y0 - top, min(y0 + _ROWS, bottom) - top, tiles

@@ -101,9 +101,8 @@ def load_arrays(
         if not header or zlib.crc32(header) != crc:
             raise ValueError("a header")
         content = json.loads(header)
-        blocks = [
-            _block(source, block, _start(length), size, mapped) for block in content["blocks"]
-        ]
+        whole = np.memmap(source, np.uint8, "r").view(np.ndarray) if mapped else None
+        blocks = [_block(source, block, _start(length), size, whole) for block in content["blocks"]]
     except (ValueError, KeyError, struct.error) as error:
         raise _damaged(source) from error
     if checked and any(
@@ -113,16 +112,18 @@ def load_arrays(
     return {entry["name"]: blocks[entry["block"]] for entry in content["arrays"]}, content["meta"]
 
 
-def _block(source: Path, entry: Mapping[str, Any], start: int, size: int, mapped: bool) -> Array:
-    """Read one array of the file."""
+def _block(
+    source: Path, entry: Mapping[str, Any], start: int, size: int, whole: Array | None
+) -> Array:
+    """Read one array of the file, or return a view of the mapped bytes of the whole file."""
     dtype, shape = np.dtype(entry["dtype"]), tuple(entry["shape"])
     first, count = start + entry["offset"], math.prod(shape)
     if first + count * dtype.itemsize > size:
         raise ValueError("the end of the file")
     if not count:
         return np.empty(shape, dtype)
-    if mapped:
-        return np.memmap(source, dtype, "r", first, shape).view(np.ndarray)
+    if whole is not None:
+        return whole[first : first + count * dtype.itemsize].view(dtype).reshape(shape)
     return np.fromfile(source, dtype, count, offset=first).reshape(shape)
 
 
