@@ -220,7 +220,7 @@ HOSTILE = {
     "edit and births": (
         all_of(says("bake:mode", T.Token, "edit"), says("rd:enabled", T.Bool, True),
                says("growth:birthRate", T.Float, 1.0)),
-        "bake:mode edit: found splats that are born, die or are divided, expected the same splats",
+        "bake:mode edit: found splats that are born, die, are divided, or fill broken pieces",
     ),
 }  # fmt: skip
 """What is wrong -> the edit that makes it so, and a part of the sentence about it."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Iterator
 from pathlib import Path
 
-from usdsplat.core.findings import Finding, finding
+from usdsplat.core.findings import Finding, Severity, finding
 from usdsplat.core.wording import counted, said_bytes
 from usdsplat.delegate.engine import Engine
 from usdsplat.products.deep import DeepReport
@@ -112,15 +112,21 @@ def repeated_ids(engine: Engine, plan: PicturePlan) -> Iterator[Finding]:
             yield finding("repeated-element-ids", path, counted(count, "splat"), expected)
 
 
+NOTE: Severity = "note"
+
+
 def shadows(engine: Engine, plan: PicturePlan) -> Iterator[Finding]:
-    """Yield a finding if a picture with shadows has no lights, and on each splat tree in it."""
-    if plan.settings.lighting != "shadowed" and "shadow" not in plan.aovs:
+    """Yield a finding if a picture with shadows has no lights, and on each splat tree in it; a note
+    where only the AOV is asked for, as among all AOVs."""
+    is_lit = plan.settings.lighting == "shadowed"
+    if not is_lit and "shadow" not in plan.aovs:
         return
-    scene = engine.render_scene
+    scene, severity = engine.render_scene, None if is_lit else NOTE
     if not scene.lights:
-        yield finding("no-lights", plan.product or "lighting", "no lights", "one or more lights")
+        where, expected = plan.product or "lighting", "one or more lights"
+        yield finding("no-lights", where, "no lights", expected, severity=severity)
     for path, _ in scene.drawn_trees():
-        yield finding("unlit-tree", path, "a splat tree", "a splat field")
+        yield finding("unlit-tree", path, "a splat tree", "a splat field", severity=severity)
 
 
 def what_is_forced(plan: PicturePlan) -> str:

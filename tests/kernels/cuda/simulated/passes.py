@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from tests.render.everything import CASES, drawn, drawn_deep
+from tests.render.everything import CASES, Case, drawn, drawn_deep
 from usdsplat.kernels.cuda import walk
 from usdsplat.kernels.cuda.device import CudaDevice
 from usdsplat.kernels.cuda.quarter_lists import SIDE
@@ -23,6 +24,15 @@ DRAWN = (
     "ellipses", "budget", "samples", "tree",
 )  # fmt: skip
 """Cases that between them launch every form."""
+
+
+COARSE = {"shadow_resolution": 16, "light_samples": 1}
+"""Settings of lights, whose pictures would take most of the time here."""
+
+
+def small(name: str) -> Case:
+    """A case with pictures of lights that are as small as its own."""
+    return replace(CASES[name], settings={**CASES[name].settings, **COARSE})
 
 
 class PythonDevice(CpuDevice):
@@ -44,8 +54,8 @@ def _with_attributes(value: Any) -> Any:
 @pytest.mark.parametrize("name", DRAWN)
 def test_all_aovs_are_those_of_the_cpu(name: str) -> None:
     """Oracle: the CPU's loops, in Python here as the kernels are, so to rounding."""
-    ours = drawn(CudaDevice(), CASES[name], size=SIZE, splats=SPLATS)
-    theirs = drawn(PythonDevice(threads=1), CASES[name], size=SIZE, splats=SPLATS)
+    ours = drawn(CudaDevice(), small(name), size=SIZE, splats=SPLATS)
+    theirs = drawn(PythonDevice(threads=1), small(name), size=SIZE, splats=SPLATS)
     # the GPU counts no rows outside the picture
     np.testing.assert_allclose(ours.pop("stats"), theirs.pop("stats"), rtol=0.2)
     for each in theirs:
@@ -66,7 +76,7 @@ def test_windows_that_overflow_are_followed_by_longer_ones(
     longest: list[Any] = []
     groups = walk._groups
     monkeypatch.setattr(walk, "_groups", lambda lengths: longest.append(lengths) or groups(lengths))
-    case = CASES["rays and surfaces"]
+    case = small("rays and surfaces")
     ours = drawn(CudaDevice(), case, size=SIZE, splats=SPLATS)
     theirs = drawn(PythonDevice(threads=1), case, size=SIZE, splats=SPLATS)
     assert longest and all(lengths.size for lengths in longest)
@@ -78,8 +88,8 @@ def test_windows_that_overflow_are_followed_by_longer_ones(
 def test_ids_of_deep_samples_are_those_of_the_cpu(name: str) -> None:
     """Oracle: the CPU's loops."""
     options = {"size": SIZE, "splats": SPLATS, "aovs": DEEP_IDS}
-    (ours,) = drawn_deep(CudaDevice(), CASES[name], 0.0, **options)
-    (theirs,) = drawn_deep(PythonDevice(threads=1), CASES[name], 0.0, **options)
+    (ours,) = drawn_deep(CudaDevice(), small(name), 0.0, **options)
+    (theirs,) = drawn_deep(PythonDevice(threads=1), small(name), 0.0, **options)
     assert len(theirs.ids) > 10
     np.testing.assert_array_equal(ours.ids, theirs.ids)
     np.testing.assert_allclose(ours.depth, theirs.depth, rtol=1e-5)
@@ -88,8 +98,8 @@ def test_ids_of_deep_samples_are_those_of_the_cpu(name: str) -> None:
 @pytest.mark.parametrize("name", DEEP)
 def test_deep_samples_are_those_of_the_cpu(name: str) -> None:
     """Oracle: the CPU's loops."""
-    (ours,) = drawn_deep(CudaDevice(), CASES[name], 0.01, size=SIZE, splats=SPLATS)
-    (theirs,) = drawn_deep(PythonDevice(threads=1), CASES[name], 0.01, size=SIZE, splats=SPLATS)
+    (ours,) = drawn_deep(CudaDevice(), small(name), 0.01, size=SIZE, splats=SPLATS)
+    (theirs,) = drawn_deep(PythonDevice(threads=1), small(name), 0.01, size=SIZE, splats=SPLATS)
     for field in ("counts", "depth", "depth_back", "color", "left"):
         np.testing.assert_allclose(
             getattr(ours, field), getattr(theirs, field), rtol=1e-4, atol=1e-5, err_msg=field
