@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from pxr import Usd
+from pxr import Usd, UsdGeom
 
 from usdsplat import schema
 
@@ -95,3 +95,20 @@ def test_wrong_options_with_a_stage_are_one_line(run, shot, tmp_path, flags, sai
     assert (status, out) == (2, "")
     assert said in err and err.count("\n") == 1
     assert sorted(tmp_path.iterdir()) == before
+
+
+def test_a_unit_of_zero_is_an_error_of_the_flag_and_a_finding_of_a_stage(run, capture, shot):
+    """Oracle: the sentence, and the fallback of USD, 0.01."""
+    tree = capture.with_name("tree.usda")
+    status, _, err = run("lod", capture, "-o", tree, "--meters-per-unit", "0")
+    assert (status, err) == (
+        2,
+        "usdsplat: --meters-per-unit: found 0, expected a positive number [m]\n",
+    )
+    assert not tree.exists()
+    stage = Usd.Stage.Open(str(shot))
+    stage.SetMetadata("metersPerUnit", 0.0)
+    stage.Save()
+    assert run("lod", shot, "-o", tree, "-q")[0] == 0
+    assert UsdGeom.GetStageMetersPerUnit(Usd.Stage.Open(str(tree))) == 0.01
+    assert "bad-meters-per-unit" in "".join(run("validate", shot)[1:])

@@ -16,13 +16,14 @@ from usdsplat.schema.stage_values import (
     local_to_world,
     local_transform,
     may_move,
+    metadata_problems,
     missing_ops,
     op_names,
     ordered_ops,
     parent_to_world,
+    stage_unit,
     unknown_ops,
     up_axis,
-    up_axis_problem,
     world_bound,
 )
 
@@ -95,11 +96,28 @@ def test_an_up_axis_that_usd_does_not_allow_counts_as_y(authored: str, axis: str
     stage = Usd.Stage.CreateInMemory()
     stage.SetMetadata("upAxis", authored)
     assert up_axis(stage) == axis
-    problem = up_axis_problem(stage)
-    assert (problem is None) == (authored in ("Y", "Z"))
-    assert problem is None or str(problem).startswith(
-        f"stage upAxis: found {authored!r}, expected Y"
-    )
+    problems = dict(metadata_problems(stage))
+    assert list(problems) == ([] if authored in ("Y", "Z") else ["bad-up-axis"])
+    for problem in problems.values():
+        assert str(problem).startswith(f"stage upAxis: found {authored!r}, expected Y")
+
+
+@pytest.mark.parametrize(
+    ("authored", "unit"),
+    [(1.0, 1.0), (1e-9, 1e-9), (0.0, 0.01), (-1.0, 0.01), (math.inf, 0.01), (math.nan, 0.01)],
+)
+def test_a_unit_that_is_no_length_counts_as_a_centimetre(authored: float, unit: float) -> None:
+    """Oracle: the fallback of metersPerUnit in USD."""
+    stage = Usd.Stage.CreateInMemory()
+    assert UsdGeom.GetStageMetersPerUnit(stage) == 0.01
+    assert list(metadata_problems(stage)) == []
+    stage.SetMetadata("metersPerUnit", authored)
+    assert stage_unit(stage) == unit
+    problems = dict(metadata_problems(stage))
+    assert list(problems) == ([] if authored == unit else ["bad-meters-per-unit"])
+    for problem in problems.values():
+        expected = f"stage metersPerUnit: found {authored:g}, expected a positive number"
+        assert str(problem).startswith(expected)
 
 
 @pytest.mark.parametrize(

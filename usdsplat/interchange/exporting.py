@@ -26,6 +26,7 @@ from usdsplat.interchange.provenance import joined_bounds
 from usdsplat.interchange.reports import ExportReport, SplitReport
 from usdsplat.interchange.unapplied import unapplied
 from usdsplat.schema.composition import composition_findings
+from usdsplat.schema.stage_values import stage_unit
 
 EVERYTHING = StageReading()
 
@@ -224,7 +225,7 @@ def _capture(
     """Join appearances in one capture, with notes on what captures cannot hold."""
     prims = [item.prim for item in found]
     stage = prims[0].GetStage()
-    own = UsdGeom.GetStageMetersPerUnit(stage)
+    own = stage_unit(stage)
     unit = unit or own
     turn = own / unit * change_axes(stage_frame(stage), frame)
     clouds = []

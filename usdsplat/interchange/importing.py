@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
-from pxr import Usd, UsdGeom
+from pxr import Usd
 
 from usdsplat import schema
 from usdsplat.core.edits import Edit
@@ -32,6 +32,7 @@ from usdsplat.interchange.placement import field_path, placement
 from usdsplat.interchange.provenance import Provenance, fingerprint, provenance, record
 from usdsplat.interchange.reports import ImportReport
 from usdsplat.schema import Form, stage_values
+from usdsplat.schema.stage_values import stage_unit
 
 
 def import_capture(
@@ -67,7 +68,7 @@ def import_capture(
     capture = gather(
         sources, axes=options.axes, meters_per_unit=unit, edits=edits, how=how, progress=progress
     )
-    capture = unit_assumed(capture, UsdGeom.GetStageMetersPerUnit(stage))
+    capture = unit_assumed(capture, stage_unit(stage))
     placed = placement(stage, capture.frame, capture.meters_per_unit)
     text = axes_text(placed, options.bake_axes)
     notes = (*capture.notes, *given_axes(capture))
@@ -141,7 +142,7 @@ def _report(
         frame=memory.frame,
         frame_source=memory.frame_source,
         axes=memory.axes,
-        meters_per_unit=UsdGeom.GetStageMetersPerUnit(prim.GetStage()),
+        meters_per_unit=stage_unit(prim.GetStage()),
         error_bounds=memory.error_bounds,
         edits=memory.edits,
         notes=memory.notes,

@@ -18,7 +18,7 @@ from usdsplat.core.text import shown
 from usdsplat.formats.sog.lod_meta import LOD_META
 from usdsplat.formats.sog.meta import META
 from usdsplat.interchange.models import FIELD
-from usdsplat.schema.stage_values import ordered_ops, up_axis
+from usdsplat.schema.stage_values import ordered_ops, stage_unit, up_axis
 
 _SUFFIX = "axes"
 OP = f"xformOp:transform:{_SUFFIX}"
@@ -56,7 +56,7 @@ def placement(stage: Usd.Stage, frame: str, meters_per_unit: float | None) -> Pl
     matrix[:3, :3] = axes.change(frame, target)
     text = f"{frame} to {target}" if frame != target else f"{frame}, as the stage's"
     if meters_per_unit is not None:
-        factor = checked_unit(meters_per_unit) / UsdGeom.GetStageMetersPerUnit(stage)
+        factor = checked_unit(meters_per_unit) / stage_unit(stage)
         if factor != 1:
             matrix[:3] *= factor
             text += f", {factor:g} times as large"

@@ -12,13 +12,13 @@ import os
 import re
 from pathlib import Path
 
-from pxr import Sdf, Usd, UsdGeom, UsdUtils, Vt
+from pxr import Sdf, Usd, UsdUtils, Vt
 
 from usdsplat.core.errors import OutputError, UsageError
 from usdsplat.core.output import OutputFile
 from usdsplat.images.frame_numbers import frame_path
 from usdsplat.interchange.authoring import prepare
-from usdsplat.schema.stage_values import up_axis
+from usdsplat.schema.stage_values import stage_unit, up_axis
 from usdsplat.schema.usd_files import new_layer, save_layer, usd_errors
 
 _TOPOLOGY = "topology.usda"
@@ -68,7 +68,7 @@ class Clips:
             self._folder / f"frame.{'####' if is_whole else '####.######'}.usdc", time
         )
         stage = Usd.Stage.Open(new_layer(path, self._output))
-        unit = UsdGeom.GetStageMetersPerUnit(self._stage)
+        unit = stage_unit(self._stage)
         prepare(stage, up_axis(self._stage), unit)
         stage.SetStartTimeCode(time)
         stage.SetEndTimeCode(time)

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from pxr import Sdf, Usd, UsdGeom
+from pxr import Sdf, Usd
 
 from usdsplat import formats, schema
 from usdsplat.core.edits import Edit
@@ -42,6 +42,7 @@ from usdsplat.interchange.reports import SequenceImportReport
 from usdsplat.interchange.sequence_clips import Clips
 from usdsplat.interchange.sequence_files import Account, files_of
 from usdsplat.schema import Form
+from usdsplat.schema.stage_values import stage_unit
 from usdsplat.schema.usd_files import (
     crate_name,
     is_whole_usd,
@@ -160,7 +161,7 @@ class _Job:
         account.axes = account.axes or choose_axes(capture, self.frame)
         capture = edit_capture(with_axes(capture, account.axes), self.edits)
         capture = with_unit(capture, self.meters_per_unit)
-        capture = unit_assumed(capture, UsdGeom.GetStageMetersPerUnit(self.stage))
+        capture = unit_assumed(capture, stage_unit(self.stage))
         account.add(time, file, capture, fingerprint(capture.files))
         if not self.interpolate:
             rows = np.arange(len(capture.cloud), dtype=np.int64)
@@ -225,7 +226,7 @@ class _Job:
             frame=memory.frame,
             frame_source=memory.frame_source,
             axes=memory.axes,
-            meters_per_unit=UsdGeom.GetStageMetersPerUnit(self.stage),
+            meters_per_unit=stage_unit(self.stage),
             edits=memory.edits,
             error_bounds=memory.error_bounds,
             notes=memory.notes,

@@ -23,7 +23,7 @@ from usdsplat.products.tree_summary import of_tree
 from usdsplat.products.tree_views import EVERY_VIEW, ViewRequest, of_views
 from usdsplat.schema.lod_roots import find_roots
 from usdsplat.schema.proxy import points_of
-from usdsplat.schema.stage_values import up_axis
+from usdsplat.schema.stage_values import stage_unit, up_axis
 from usdsplat.schema.validation import splat_fields, splat_trees
 from usdsplat.sim.stage.provenance import well_typed
 
@@ -103,7 +103,7 @@ def of_stage(
     return {
         "up_axis": up_axis(stage),
         "axes": UP_AXIS_FRAME[up_axis(stage)],
-        "meters_per_unit": UsdGeom.GetStageMetersPerUnit(stage),
+        "meters_per_unit": stage_unit(stage),
         "frames": frames if stage.HasAuthoredTimeCodeRange() else None,
         "frames_per_second": stage.GetTimeCodesPerSecond(),
         "splats": sum(entry.get("splats", 0) for entry in (*described, *trees)),

@@ -1,7 +1,7 @@
 """Values of a stage that its schemas do not restrict: up axis, transforms, bounds.
 
 USD raises `Tf.ErrorException` for a transform op that it does not know, and returns any word as the
-up axis. These functions are the only ones that ask USD for them.
+up axis, and any number as the unit. These functions are the only ones that ask USD for them.
 """
 
 from __future__ import annotations
@@ -20,6 +20,8 @@ UP_AXES = ("Y", "Z")
 """Values of `upAxis`."""
 ASSUMED: UpAxis = "Y"
 """Up axis of a stage with another value, as USD has it for a stage without one."""
+ASSUMED_UNIT = 0.01
+"""Unit of a stage with an impossible one [m], as USD has it for a stage without one."""
 
 _OPS = {UsdGeom.XformOp.GetOpTypeToken(each) for each in UsdGeom.XformOp.Type.allValues} - {""}
 EXPECTED_OPS = "transform ops of UsdGeomXformable"
@@ -47,12 +49,23 @@ def up_axis(stage: Usd.Stage) -> UpAxis:
     return cast(UpAxis, found) if found in UP_AXES else ASSUMED
 
 
-def up_axis_problem(stage: Usd.Stage) -> StageError | None:
-    """Return what is wrong with the stage's up axis, or None."""
-    found = str(UsdGeom.GetStageUpAxis(stage))
-    if found in UP_AXES:
-        return None
-    return StageError("stage upAxis", repr(found), f"Y or Z; {ASSUMED} is assumed")
+def stage_unit(stage: Usd.Stage) -> float:
+    """Return the length of the stage's unit [m]; `ASSUMED_UNIT` if its value is no length."""
+    found = float(UsdGeom.GetStageMetersPerUnit(stage))
+    return found if 0 < found < math.inf else ASSUMED_UNIT
+
+
+def metadata_problems(stage: Usd.Stage) -> Iterator[tuple[str, StageError]]:
+    """Yield what is wrong with the stage's up axis and unit: the code of a finding, the error."""
+    axis, unit = str(UsdGeom.GetStageUpAxis(stage)), UsdGeom.GetStageMetersPerUnit(stage)
+    if axis not in UP_AXES:
+        yield (
+            "bad-up-axis",
+            StageError("stage upAxis", repr(axis), f"Y or Z; {ASSUMED} is assumed"),
+        )
+    if unit != stage_unit(stage):
+        expected = f"a positive number; {ASSUMED_UNIT:g} is assumed"
+        yield "bad-meters-per-unit", StageError("stage metersPerUnit", f"{unit:g}", expected)
 
 
 def local_to_world(prim: Usd.Prim, cache: UsdGeom.XformCache) -> Gf.Matrix4d:

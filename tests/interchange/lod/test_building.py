@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import signal
 import subprocess
@@ -371,7 +372,14 @@ def test_inputs_that_do_not_fit_are_one_sentence(scan, tmp_path):
         build_tree([scan, tmp_path / "ap1.usda"], target)
     with pytest.raises(StageError, match="no splat field"):
         build_tree([scan, tmp_path / "empty.usda"], target)
-    for name, value in (("leaf_splats", 9), ("sh_degree", 5), ("pixel", -1.0), ("memory_limit", 1)):
+    for name, value in (
+        ("leaf_splats", 9),
+        ("sh_degree", 5),
+        ("pixel", -1.0),
+        ("memory_limit", 1),
+        ("meters_per_unit", 0.0),
+        ("meters_per_unit", math.inf),
+    ):
         with pytest.raises(UsageError, match=name):
             build_tree(scan, target, options=LodOptions(**{name: value}))
     assert sorted(path.name for path in tmp_path.iterdir()) == [

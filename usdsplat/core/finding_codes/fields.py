@@ -159,6 +159,11 @@ CODES: dict[str, Code] = {
     "range": Code("error", "the value range of a packed field is invalid", _REWRITE),
     "bad-up-axis": Code("error", "the stage's upAxis is neither Y nor Z", "author Y or Z"),
     "no-up-axis": Code("warning", "the stage has no upAxis", "author upAxis in the root layer"),
+    "bad-meters-per-unit": Code(
+        "error",
+        "the stage's metersPerUnit is not a positive number",
+        "author the length of a unit in metres",
+    ),
     "no-meters-per-unit": Code(
         "warning", "the stage has no metersPerUnit", "author metersPerUnit in the root layer"
     ),

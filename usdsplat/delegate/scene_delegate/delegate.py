@@ -45,7 +45,7 @@ from usdsplat.delegate.stage_info import StageInfo
 from usdsplat.render.lights.specs import LightSpec
 from usdsplat.render.lod.tree import TreeSpec
 from usdsplat.render.specs import CameraSpec, CropSpec, FieldSpec, MeshSpec, View
-from usdsplat.schema.stage_values import up_axis, up_axis_problem
+from usdsplat.schema.stage_values import metadata_problems, up_axis
 from usdsplat.schema.validation import errors_of_drawn
 
 T = TypeVar("T")
@@ -108,8 +108,7 @@ class UsdSceneDelegate:
     def findings(self) -> tuple[Finding, ...]:
         """What the stage asks for and does not get at this time, by path."""
         found = list(self._population.findings)
-        if (wrong := up_axis_problem(self.stage)) is not None:
-            found.append(from_error("bad-up-axis", wrong))
+        found += [from_error(code, wrong) for code, wrong in metadata_problems(self.stage)]
         for (path, kind), why in self.problems.items():
             if self._is_of_interest(path, kind):
                 found.append(from_error(UNREADABLE[kind], why))

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from pxr import Usd, UsdGeom
+from pxr import Usd
 
 from usdsplat.delegate.instancing import Placement
 from usdsplat.delegate.stage_info import StageInfo
+from usdsplat.schema.stage_values import stage_unit
 from usdsplat.schema.value_clips import clip_files, file_of, layers_without_clips
 
 
@@ -31,7 +32,7 @@ def read_stage_info(stage: Usd.Stage, placed: Iterable[Placement]) -> StageInfo:
         frames_per_second=stage.GetFramesPerSecond(),
         time_codes_per_second=stage.GetTimeCodesPerSecond(),
         start=stage.GetStartTimeCode() if stage.HasAuthoredTimeCodeRange() else 0.0,
-        meters_per_unit=UsdGeom.GetStageMetersPerUnit(stage),
+        meters_per_unit=stage_unit(stage),
         files=tuple(sorted({file_of(layer.realPath) for layer in layers})) if is_saved else (),
         clips=tuple(sorted(clip_files(stage))),
         prims=tuple(sorted(prims)),

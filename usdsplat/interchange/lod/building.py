@@ -29,6 +29,7 @@ from usdsplat.interchange.lod.runs import Runs, has_run
 from usdsplat.interchange.lod.sorting import planned_runs, write_runs
 from usdsplat.interchange.lod.tree_job import TreeJob
 from usdsplat.interchange.lod.work_folder import WorkFolder
+from usdsplat.interchange.placement import checked_unit
 from usdsplat.kernels.devices import open_device
 
 LEAST_LEAF, LEAST_MEMORY = 256, 768 << 20
@@ -185,6 +186,8 @@ def _check(options: LodOptions) -> None:
         raise UsageError("sh_degree", str(options.sh_degree), f"0 to {MAX_DEGREE}")
     if options.pixel is not None and not 0 <= options.pixel < np.inf:
         raise UsageError("pixel", f"{options.pixel:g}", "a size, or 0 for no low-pass")
+    if options.meters_per_unit is not None:
+        checked_unit(options.meters_per_unit)
     if options.memory_limit < LEAST_MEMORY:
         expected = f"{said_bytes(LEAST_MEMORY)} or more"
         raise UsageError("memory_limit", said_bytes(options.memory_limit), expected)

@@ -8,7 +8,7 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from pxr import Usd, UsdGeom
+from pxr import Usd
 
 from usdsplat import schema
 from usdsplat.core import edit
@@ -30,6 +30,7 @@ from usdsplat.interchange.placement import stage_frame
 from usdsplat.interchange.unapplied import unapplied
 from usdsplat.schema import attributes, packing, registration, tokens
 from usdsplat.schema.composition import composition_findings
+from usdsplat.schema.stage_values import stage_unit
 from usdsplat.schema.tree_cuts import TreeReading
 
 _BLOCK = 1 << 20  # centres transformed at a time
@@ -140,7 +141,7 @@ class StageSource:
             frame=stage_frame(stage),
             frame_source="file",
             frame_score=0.0,
-            meters_per_unit=UsdGeom.GetStageMetersPerUnit(stage),
+            meters_per_unit=stage_unit(stage),
             unit_source="file",
             antialiased=modes == {"antialiased"},
             projection_modes=tuple(sorted(set(map(schema.projection_mode, prims)))),

@@ -47,7 +47,7 @@ from usdsplat.kernels.devices import open_device
 from usdsplat.render.specs import RasterizeMode
 from usdsplat.schema.lod_root_authoring import name_lod_root
 from usdsplat.schema.packing import harmonics_width
-from usdsplat.schema.stage_values import up_axis
+from usdsplat.schema.stage_values import stage_unit, up_axis
 from usdsplat.schema.tree import author_digests, author_tree
 
 
@@ -168,7 +168,7 @@ class TreeJob:
         """Return what all chunks have in common."""
         return ChunkForm(
             up_axis=up_axis(stage),
-            meters_per_unit=UsdGeom.GetStageMetersPerUnit(stage),
+            meters_per_unit=stage_unit(stage),
             color_space=self.meeting.color_space,
             drawing=self.meeting.drawing,
         )
@@ -222,7 +222,7 @@ class TreeJob:
             frame_source=self.meeting.frame_source,
             frame_score=None,
             axes=axes_text(placed, baked=False),
-            meters_per_unit=UsdGeom.GetStageMetersPerUnit(stage) if unit is None else unit,
+            meters_per_unit=stage_unit(stage) if unit is None else unit,
             unit_source="assumed" if unit is None else first.unit_source,
             sh_degree=self.meeting.degree,
             edits=(),
@@ -271,7 +271,7 @@ class TreeJob:
             errors=(float(errors.min()), float(errors.max())) if len(errors) else (0.0, 0.0),
             frame=self.meeting.frame,
             axes=axes_text(placed, baked=False),
-            meters_per_unit=UsdGeom.GetStageMetersPerUnit(prim.GetStage()),
+            meters_per_unit=stage_unit(prim.GetStage()),
             continued=self.folder.is_continued,
             error_bounds=self._error_bounds(),
             notes=tuple(notes),

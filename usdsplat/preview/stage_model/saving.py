@@ -12,7 +12,7 @@ from usdsplat.core.readable import check_referable
 from usdsplat.interchange.files import check_not_input, check_suffix, layer_files, save
 from usdsplat.preview.stage_model.cameras import author_camera, camera_path, check_camera
 from usdsplat.render.specs import CameraSpec
-from usdsplat.schema.stage_values import up_axis
+from usdsplat.schema.stage_values import stage_unit, up_axis
 
 _FRAME = (
     "upAxis",
@@ -77,7 +77,7 @@ def save_camera_layer(
     path = camera_path(name)
     alone = Usd.Stage.CreateInMemory()
     UsdGeom.SetStageUpAxis(alone, up_axis(stage))
-    UsdGeom.SetStageMetersPerUnit(alone, UsdGeom.GetStageMetersPerUnit(stage))
+    UsdGeom.SetStageMetersPerUnit(alone, stage_unit(stage))
     author_camera(alone, path, spec)
     save(alone.GetRootLayer(), target)
     return str(path)

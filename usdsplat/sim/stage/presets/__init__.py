@@ -16,7 +16,7 @@ from pxr import Sdf, Usd, UsdGeom
 from usdsplat.core.errors import StageError, UsageError
 from usdsplat.core.readable import check_referable
 from usdsplat.schema.lod_roots import find_roots
-from usdsplat.schema.stage_values import up_axis
+from usdsplat.schema.stage_values import stage_unit, up_axis
 from usdsplat.schema.usd_files import export_layer
 from usdsplat.sim.stage.presets.conform import CONFORM
 from usdsplat.sim.stage.presets.dissolve import DISSOLVE
@@ -95,7 +95,7 @@ def author_preset(
     root = stage.GetRootLayer()
     root.subLayerPaths.append(str(file))
     UsdGeom.SetStageUpAxis(stage, up_axis(capture))
-    UsdGeom.SetStageMetersPerUnit(stage, UsdGeom.GetStageMetersPerUnit(capture))
+    UsdGeom.SetStageMetersPerUnit(stage, stage_unit(capture))
     for setter in (stage.SetFramesPerSecond, stage.SetTimeCodesPerSecond):
         setter(RATE)
     stage.SetStartTimeCode(FIRST)
