@@ -169,7 +169,7 @@
       ...sourceOf(capture),
       ui: !query.has("noui"),
       noanim: shot.isStill || query.has("noanim"),
-      renderer: query.has("webgl") || page.antialiased ? "webgl" : "webgpu",
+      renderer: query.has("webgpu") ? "webgpu" : "webgl", // our pictures are compared with WebGL's
       aa: query.has("aa") || page.antialiased,
       budget: budget > 0 ? budget : undefined,
       lang: query.get("lang"),
