@@ -23,10 +23,11 @@ from pxr import Sdf, Usd
 from tests.chromium import SOFTWARE_GL, chromium
 from tests.products.page.pages import moving_stage, parsed
 from tests.render.test_sampling import psnr
+from usdsplat import formats
 from usdsplat.delegate.engine import Engine
 from usdsplat.interchange.lod import LodOptions, build_tree
 from usdsplat.interchange.opening import open_capture
-from usdsplat.products.page import PageRequest, write_page
+from usdsplat.products.page import PageRequest, document, write_page
 from usdsplat.render.settings import RenderSettings
 
 SIZE = (640, 480)
@@ -158,6 +159,19 @@ def test_a_page_shows_a_capture(data, visit, tmp_path, name):
     found = psnr(visit.picture(), drawn(open_capture(source)))
     print(f"{name}: {found:.1f} dB")
     assert found >= LEAST
+
+
+@pytest.mark.slow
+def test_a_page_shows_antialiased_splats_from_several_pieces(data, visit, tmp_path, monkeypatch):
+    """Oracle: `render` of the same splats, marked as antialiased."""
+    monkeypatch.setattr(document, "CHUNK", 30_000)
+    cloud = formats.read(data / "splats" / "playbot_lod4.sog").cloud
+    formats.write(cloud, tmp_path / "aa.sog", how=formats.WriteOptions(antialiased=True))
+    write_page(tmp_path / "aa.sog", tmp_path / "page.html", request=REQUEST)
+    visit.go((tmp_path / "page.html").as_uri() + "?noui")
+    found = psnr(visit.picture(), drawn(open_capture(tmp_path / "aa.sog")))
+    print(f"antialiased: {found:.1f} dB")
+    assert found >= 35
 
 
 @pytest.mark.slow
