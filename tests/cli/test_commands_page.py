@@ -32,5 +32,5 @@ def test_check_says_whether_a_page_is_stale(tmp_path, monkeypatch) -> None:
     assert commands_page.main(["--check"]) == 1
     assert commands_page.main([]) == 0
     assert commands_page.main(["--check"]) == 0
-    target.write_text("# Commands\n", encoding="utf-8")
+    target.write_text("# All flags\n", encoding="utf-8")
     assert commands_page.main(["--check"]) == 1

@@ -19,7 +19,7 @@ from usdsplat.core.generated_page import REFERENCE, keep_page, table_text
 
 TARGET = REFERENCE / "commands.md"
 
-_HEAD = """# Commands
+_HEAD = """# All flags
 
 All commands and flags, as `usdsplat COMMAND --help` prints them. [How commands
 behave](../commands.md) has what they share: exit statuses, findings, files.
@@ -35,7 +35,7 @@ def page() -> str:
         module = importlib.import_module(f"usdsplat.cli.{name.replace('-', '_')}")
         parts.append(f"\n## {name}\n\n{text.capitalize()}.\n")
         parts += _description(module)
-        parts += _tables(module.Options)
+        parts += _tables(name, module.Options)
     return "".join(parts)
 
 
@@ -50,21 +50,16 @@ def _description(module: ModuleType) -> Iterator[str]:
             yield f"\n{paragraph}\n"
 
 
-def _tables(options: type) -> Iterator[str]:
+def _tables(name: str, options: type) -> Iterator[str]:
     """Yield a table of the arguments of each group, under its title."""
     hints = get_type_hints(options)
     for owner, group in itertools.groupby(arguments_of(options), key=lambda each: each.owner):
         if owner:
             about = inspect.cleandoc(hints[owner].__doc__ or "")
-            yield f"\n### {owner.replace('_', ' ')} options of {_command(options)}\n"
+            yield f"\n### {name}: {owner.replace('_', ' ')}\n"
             yield f"\n{about}\n" if about else ""
         yield "\n| argument | meaning |\n|---|---|\n"
         yield from _rows(group)
-
-
-def _command(options: type) -> str:
-    """Return the name of the command with these options."""
-    return options.__module__.rpartition(".")[2].replace("_", "-")
 
 
 def _rows(arguments: Iterable[Argument]) -> Iterator[str]:

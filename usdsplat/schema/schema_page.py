@@ -73,6 +73,8 @@ def _value(value: object) -> str:
     """Return a default, nearly as it is written in a .usda file."""
     if isinstance(value, bool):
         return str(value).lower()
+    if isinstance(value, float):
+        return f"{value:g}"
     return f'"{value}"' if isinstance(value, str) else f"{value}"
 
 
