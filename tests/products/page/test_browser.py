@@ -237,6 +237,25 @@ def test_the_address_has_a_camera(data, visit, tmp_path):
 
 
 @pytest.mark.slow
+def test_a_drag_takes_the_camera_over(visit, tmp_path):
+    """Oracle: orbiting keeps the distance to the target, and not the place."""
+    write_page(moving_stage(), tmp_path / "page.html", request=REQUEST)
+    visit.go((tmp_path / "page.html").as_uri() + "?noui&noanim")
+    place = "viewer.app.root.findByName('camera').getPosition().toArray()"
+    before = np.array(visit.page.evaluate(place))
+    mouse = visit.page.mouse
+    mouse.move(320, 240)
+    mouse.down()
+    mouse.move(420, 260, steps=8)
+    mouse.up()
+    visit.picture()
+    after = np.array(visit.page.evaluate(place))
+    assert visit.page.evaluate("viewer.state.cameraMode") in ("orbit", "fly")
+    assert np.linalg.norm(after - before) > 1
+    assert np.linalg.norm(after) == pytest.approx(np.linalg.norm(before), rel=0.05)
+
+
+@pytest.mark.slow
 def test_other_captures_are_shown(data, visit, host, tmp_path):
     """Oracle: the number of splats that the viewer has, for `?url=` and for a dropped file."""
     write_page(data / "splats" / "playbot_lod4.sog", tmp_path / "page.html", request=REQUEST)
