@@ -97,11 +97,15 @@ def _run_tasks(
     options: Options, drawing: DrawOptions, runner: JobRunner, reporter: Reporter
 ) -> int:
     """Plan the pictures, and let tasks draw them."""
-    from usdsplat.products.preparing import check_frames, work_of
+    from usdsplat.core.folders import check_folder
+    from usdsplat.products.preparing import check_frames, files_of, work_of
 
     with _planning(options, reporter) as (_, engine, plans, frames):
         engine.expect(work_of(plans, frames))
         check_frames(engine, plans, frames, options=drawing, findings=reporter.findings)
+        if options.job.openjd is None:  # else the pictures lie elsewhere
+            for folder in {path.parent for group in files_of(plans, frames) for path in group}:
+                check_folder(folder)
         fits = any(plan.camera is None for plan in plans)
         task = as_task(options, engine.device, ends_of(frames) if fits else "", frames[0])
     return run_as_job(options, task, plans, frames, runner, reporter)
