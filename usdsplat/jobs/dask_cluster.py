@@ -151,7 +151,7 @@ class DaskWorkers:
         declared = {name for each in self._resources for name in each}
         needed = {name: amount for name, amount in needed.items() if name in declared}
         if not any(all(each.get(n, 0) >= a for n, a in needed.items()) for each in self._resources):
-            asked = ", ".join(f"{name}={amount:g}" for name, amount in needed.items())
+            asked = ", ".join(f"{name}={amount:.0f}" for name, amount in needed.items())
             expected = f"one with --resources {asked!r}"
             raise BackendError(self._where, "no worker that meets the needs of a task", expected)
         return needed
@@ -215,13 +215,16 @@ def _connected(address: str, environments: Sequence[Mapping[str, str]], stack: E
 @contextmanager
 def _quiet() -> Iterator[None]:
     """Keep the client's messages from the terminal: what they tell of is said in one sentence."""
-    log = logging.getLogger("distributed")
-    level = log.level
-    log.setLevel(logging.CRITICAL)
+    known = logging.Logger.manager.loggerDict  # Dask sets levels of its own for some
+    loggers = [logging.getLogger(name) for name in known if name.split(".")[0] == "distributed"]
+    levels = [log.level for log in loggers]
+    for log in loggers:
+        log.setLevel(logging.CRITICAL)
     try:
         yield
     finally:
-        log.setLevel(level)
+        for log, level in zip(loggers, levels, strict=True):
+            log.setLevel(level)
 
 
 def _local_cluster(environments: Sequence[Mapping[str, str]]) -> SpecCluster:
