@@ -26,7 +26,6 @@ notes:
 from __future__ import annotations
 
 from dataclasses import asdict, replace
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from usdsplat.cli import console
@@ -44,16 +43,12 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from usdsplat.core.findings import Finding
-    from usdsplat.core.progress import Progress
     from usdsplat.interchange.lod import LodOptions, LodReport
-
-
-STEPS = ("begin", "sort", "build")
 
 
 def run(options: Options, reporter: Reporter) -> int:
     """Build the tree, or a part of it, and print a report."""
-    from usdsplat.interchange.lod import build_tree
+    from usdsplat.interchange.lod import TreeStep, build_tree, take_step
     from usdsplat.kernels.compiling import on_compile
 
     if options.output is None:
@@ -79,7 +74,8 @@ def run(options: Options, reporter: Reporter) -> int:
         reporter.progress() as progress,
     ):
         if options.step is not None:
-            _take_step(options, options.step, options.output, progress)
+            step, made = TreeStep.parse(options.step, options.part), _lod_options(options)
+            take_step(options.sources, options.output, step, options=made, progress=progress)
             if options.json:
                 reporter.print_json({})
             return 0
@@ -114,27 +110,6 @@ def _lod_options(options: Options) -> LodOptions:
         pixel=options.pixel,
         memory_limit=bytes_of(options.memory_limit) or MEMORY,
     )
-
-
-def _take_step(options: Options, step: str, target: Path, progress: Progress) -> None:
-    """Do one step of the building.
-
-    Raises:
-        UsageError: If there is no such step or part.
-    """
-    from usdsplat.interchange.lod import TreePart, begin_tree, build_part
-
-    if step not in STEPS:
-        raise UsageError("--step", repr(step), f"one of {', '.join(STEPS)}")
-    if (step == "begin") != (options.part is None):
-        found = f"{options.part or 'none'} with --step {step}"
-        raise UsageError("--part", found, "K/N with --step sort or build")
-    made = _lod_options(options)
-    if options.part is None:
-        begin_tree(options.sources, target, options=made, progress=progress)
-        return
-    part, sorts = TreePart.parse(options.part), step == "sort"
-    build_part(options.sources, target, part, sorts=sorts, options=made, progress=progress)
 
 
 def _check_inputs(options: Options) -> None:
