@@ -62,7 +62,7 @@ def run(options: Options, reporter: Reporter) -> int:
     if options.job.openjd is not None:
         return write_bundle(options, options.job.openjd, reporter)
     if options.job.is_asked:
-        run_parts(options, reporter)
+        run_parts(options, options.output, reporter)
 
     def checked(findings: Iterable[Finding]) -> None:
         reporter.findings.extend(findings)

@@ -11,6 +11,7 @@ from usdsplat.cli.lod_options import Options
 from usdsplat.cli.reporting import Reporter
 from usdsplat.cli.values import bytes_of
 from usdsplat.cli.words import words_of
+from usdsplat.core.folders import check_folder
 
 PARTS = 4
 """Parts of each step, for each process."""
@@ -18,14 +19,21 @@ FARM_PARTS = 8
 """Parts of each step in a bundle, whose workers are not known."""
 
 
-def run_parts(options: Options, reporter: Reporter) -> None:
+def run_parts(options: Options, target: Path, reporter: Reporter) -> None:
     """Do all steps but the last one as a job.
 
+    Args:
+        options: The options of the command.
+        target: Its output.
+        reporter: Receives progress and findings.
+
     Raises:
+        OutputError: If nothing can be written beside the output.
         JobError: If a task fails.
     """
     from usdsplat.jobs.trees import tree_job
 
+    check_folder(target.parent)
     task = replace(options, json=True, job=JobOptions(), reporting=of_task(options.reporting))
     workers = environments(options.job, device="cpu", threads=None)
     memory = bytes_of(options.memory_limit)

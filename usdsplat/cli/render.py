@@ -52,6 +52,7 @@ from usdsplat.cli.render_options import Options
 from usdsplat.cli.reporting import Reporter
 from usdsplat.cli.values import aovs_of, bytes_of, crop_of, names_of, overscan_of, resolution_of
 from usdsplat.core.errors import UsageError
+from usdsplat.core.folders import check_folder
 from usdsplat.core.progress import Progress
 from usdsplat.images.frame_numbers import parse_frames
 
@@ -97,7 +98,6 @@ def _run_tasks(
     options: Options, drawing: DrawOptions, runner: JobRunner, reporter: Reporter
 ) -> int:
     """Plan the pictures, and let tasks draw them."""
-    from usdsplat.core.folders import check_folder
     from usdsplat.products.preparing import check_frames, files_of, work_of
 
     with _planning(options, reporter) as (_, engine, plans, frames):

@@ -12,6 +12,7 @@ from usdsplat.cli.reporting import Reporter
 from usdsplat.cli.simulate_options import BakeOrder, Options
 from usdsplat.cli.words import words_of
 from usdsplat.core.errors import OutputError, UsageError
+from usdsplat.core.folders import check_folder
 
 if TYPE_CHECKING:
     from usdsplat.jobs.job import Job
@@ -22,12 +23,13 @@ def run_tasks(order: BakeOrder, reporter: Reporter) -> None:
 
     Raises:
         UsageError: If the options are none of a job.
-        OutputError: If a file exists.
+        OutputError: If a file exists, or nothing can be written there.
         JobError: If a task fails.
     """
     options, bakes = order.options, _bakes(order)
     if bakes is None and order.target.exists() and not options.resume:
         raise OutputError(str(order.target), "a file", "a new name, or --resume")
+    check_folder(order.target.parent)
     task = replace(_task(options), json=True, reporting=of_task(options.reporting))
     workers = environments(options.job, device=task.device, threads=options.threads)
     with JobRunner(options.job, reporter, workers[: bakes or 1]) as runner:
