@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     from usdsplat.jobs.outcome import Outcome
 
 AUTO = "auto"
+USUAL_MEMORY = 1 << 30
+"""Memory that a process is expected to take where no limit is given [byte]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -32,7 +34,8 @@ class JobOptions:
     """Divide the work into tasks, see docs/farm.md."""
 
     jobs: Annotated[str | None, option("N|auto", excludes="--dask")] = None
-    """number of processes of this machine; auto: one for each core, or for each GPU"""
+    """number of processes of this machine; auto: one for each GPU, or for each core, but no more
+    than its free memory holds"""
     dask: Annotated[str | None, option("ADDRESS|local", excludes="--openjd")] = None
     """let a Dask scheduler run the tasks, such as tcp://host:8786; local starts one here"""
     openjd: Annotated[Path | None, option("FOLDER", excludes="--jobs")] = None
@@ -85,25 +88,31 @@ def of_task(reporting: ReportingOptions) -> ReportingOptions:
     return ReportingOptions(quiet=True, strict=reporting.strict)
 
 
-def environments(options: JobOptions, *, device: str, threads: int | None) -> list[dict[str, str]]:
+def environments(
+    options: JobOptions, *, device: str, threads: int | None, memory: int | None = None
+) -> list[dict[str, str]]:
     """Return the variables of each process of this machine. They share its cores and its GPUs.
 
     Args:
         options: The options of the command.
         device: Name of the device; "auto" for a GPU if there is one.
         threads: Threads of each process; None shares the cores evenly.
+        memory: Memory that a process may take [byte]; None for `USUAL_MEMORY`.
 
     Raises:
         UsageError: If the number of processes is out of range.
     """
     from usdsplat.kernels.cuda.support import gpu_count
     from usdsplat.kernels.device import usual_threads
+    from usdsplat.render.memory import free
 
     cores = usual_threads()
     gpus = [] if device == "cpu" else _visible_gpus(gpu_count())
     text = options.jobs or AUTO
     if text == AUTO:
         count = len(gpus) or cores
+        if available := free():
+            count = max(1, min(count, available // (memory or USUAL_MEMORY)))
     else:
         most = 8 * (os.cpu_count() or 1)
         count = int(text) if text.isdecimal() and len(text) < 6 else 0

@@ -9,7 +9,8 @@ examples:
       the visible fields and trees of a stage, in world space, and the finest level of a streamed
       SOG with its environment
   usdsplat lod city_*.ply -o city.usda --jobs 2
-      with two processes of this machine; --dask tcp://host:8786 uses a cluster
+      with two processes of this machine; --dask tcp://host:8786 uses a cluster, and --openjd FOLDER
+      writes a bundle for a farm
   usdsplat lod scan.ply -o scan.usda --pixel 0.002
       with the size of a pixel of the photographs, if it is known
 

@@ -31,12 +31,13 @@ def run_parts(options: Options, target: Path, reporter: Reporter) -> None:
         OutputError: If nothing can be written beside the output.
         JobError: If a task fails.
     """
+    from usdsplat.interchange.lod.options import MEMORY
     from usdsplat.jobs.trees import tree_job
 
     check_folder(target.parent)
     task = replace(options, json=True, job=JobOptions(), reporting=of_task(options.reporting))
-    workers = environments(options.job, device="cpu", threads=None)
     memory = bytes_of(options.memory_limit)
+    workers = environments(options.job, device="cpu", threads=None, memory=memory or MEMORY)
     with JobRunner(options.job, reporter, workers) as runner:
         parts = PARTS * len(runner)
         for _ in runner.run(tree_job(("lod", *words_of(task)), parts=parts, memory=memory)):

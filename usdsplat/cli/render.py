@@ -73,7 +73,12 @@ def run(options: Options, reporter: Reporter) -> int:
     if options.threads is not None:
         images.limit_threads(options.threads)
     if options.job.is_asked:
-        workers = environments(options.job, device=options.device, threads=options.threads)
+        workers = environments(
+            options.job,
+            device=options.device,
+            threads=options.threads,
+            memory=drawing.memory_limit,
+        )
         with JobRunner(options.job, reporter, workers) as runner:
             return _run_tasks(options, drawing, runner, reporter)
     with _planning(options, reporter) as (progress, engine, plans, frames):

@@ -17,7 +17,8 @@ examples:
   usdsplat simulate grow.usda -o bake.usda --wedge rd:feed=0.03,0.05 settle:omega=4,8
       bake each combination beside bake.usda, and compare them on a contact sheet, bake.png
   usdsplat simulate grow.usda -o bake.usda --wedge rd:feed=0.03,0.05 --jobs 2
-      two bakes side by side; with --chunk each is divided at checkpoints, see docs/farm.md
+      two bakes side by side; with --chunk each is divided at checkpoints; --openjd FOLDER writes a
+      bundle for a farm, see docs/farm.md
   usdsplat simulate --list-parameters
       every parameter with its range, unit and meaning
 
