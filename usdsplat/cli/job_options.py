@@ -6,7 +6,7 @@ import json
 import os
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Self
@@ -130,14 +130,6 @@ def _visible_gpus(count: int) -> list[str]:
     return named.split(",")[:count] if named else [str(i) for i in range(count)]
 
 
-@contextmanager
-def _advising(text: str) -> Iterator[None]:
-    """Have an interruption of the context say how to go on."""
-    interrupt.advise(text)
-    yield
-    interrupt.advise("")
-
-
 class JobRunner:
     """What runs the tasks of a command: processes that start with the context, or Dask.
 
@@ -192,7 +184,7 @@ class JobRunner:
         failed: list[Outcome] = []
         label = f"{job.name}, task"
         go_on = resumed(self._reporter.arguments)
-        with _advising(f"go on with: {go_on}"), self._reporter.progress() as progress:
+        with interrupt.advising(f"go on with: {go_on}"), self._reporter.progress() as progress:
             progress.step(label, 0, total)
             for done, outcome in enumerate(self._outcomes(job), 1):
                 progress.step(label, done, total)

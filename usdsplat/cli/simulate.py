@@ -241,10 +241,9 @@ def advising(arguments: Sequence[str], target: Path | None) -> Iterator[None]:
         arguments: The command line after the program's name.
         target: The bake; None for several.
     """
-    interrupt.advise(f"go on with: {resumed(arguments)}")
     try:
-        yield
-        interrupt.advise("")
+        with interrupt.advising(f"go on with: {resumed(arguments)}"):
+            yield
     except KeyboardInterrupt:
         from usdsplat.sim.stage.bake_layers import resume_frame
 
