@@ -268,6 +268,8 @@ def _described(dask_worker: Any) -> tuple[str, dict[str, float]]:
 
 def _result(future: Any, task: Task) -> TaskResult | None:
     """Return the result of a future; None if a task before it failed."""
+    from distributed import KilledWorker
+
     if future.status == "finished":
         return TaskResult(**future.result())
     error = future.exception() if future.status == "error" else None
@@ -275,5 +277,10 @@ def _result(future: Any, task: Task) -> TaskResult | None:
         if tuple(error.words) != task.words:
             return None  # the error of a task before it
         return TaskResult(status=error.status, err=error.reason, host=error.host)
+    if isinstance(error, KilledWorker):
+        if error.task != future.key:
+            return None
+        reason = f"found {error.allowed_failures + 1} workers that died, expected one that does not"
+        return TaskResult(status=2, err=f"worker: {reason}", host=error.last_worker.address)
     reason = " ".join(str(error).split()) if error is not None else future.status
     return TaskResult(status=2, err=reason, host="the cluster")
