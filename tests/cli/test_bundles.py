@@ -294,7 +294,6 @@ def test_a_building_is_four_steps(run, capture, tmp_path):
 @pytest.mark.parametrize(
     ("command", "flags", "sentence"),
     [
-        ("simulate", ("--frames", "1:300", "--chunk", "1"), "found 300 steps, which follow each"),
         ("simulate", ("--force",), "--force: found it with --jobs, --dask or --openjd"),
         ("simulate", ("--set", "sim:seed={{1}}"), "expected "),
         ("lod", ("--chunk", "2"), "--chunk: found it with this command"),

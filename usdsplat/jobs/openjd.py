@@ -27,8 +27,6 @@ OUTPUT, PROGRAM, FRAMES = "OutputFolder", "Program", "Frames"
 """Names of the parameters of all jobs, and that of the frames of pictures."""
 MOST_VALUES = 1024
 """Maximum length of a list of values."""
-MOST_STEPS = 100
-"""Maximum number of steps."""
 _NAME = 128
 """Maximum length of the name of a job [character]."""
 _CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f\ud800-\udfff]")
@@ -115,9 +113,6 @@ def template_of(job: Job, bundle: Bundle) -> dict[str, Any]:
     Raises:
         UsageError: If a word of a command cannot be in a template.
     """
-    if len(job.steps) > MOST_STEPS:
-        found = f"{len(job.steps)} steps, which follow each other"
-        raise UsageError("--openjd", found, f"at most {MOST_STEPS}: a larger --chunk")
     source = bundle.source
     definitions: list[dict[str, Any]] = [
         {
