@@ -154,9 +154,9 @@ def test_dense_parts_do_not_hide_sparse_ones():
 def test_a_small_field_far_away_is_framed_too():
     """Oracle: the projection: both are inside, although the small one has a thousandth of the
     area."""
-    small = block(200, low=(19.95, -0.05, -0.05), high=(20.05, 0.05, 0.05), seed=1, size=0.005)
+    small = block(200, low=(19.95, -0.05, -8.05), high=(20.05, 0.05, -7.95), seed=1, size=0.005)
     target, distance = framed(block(), small)
-    right, left, _, _ = span([[20.05, 0, 0], [-1, 0, 0]], target, distance)
+    right, left, _, _ = span([[20.05, 0, -8], [-1, 0, 0]], target, distance)
     assert 0.8 < right < 0.95 and 0.8 < left < 0.95
 
 

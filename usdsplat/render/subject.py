@@ -7,7 +7,7 @@ nothing about that, so splats are weighed in three steps:
    are, splats many times as far from the middle as the others are background.
 2. The others are projected along the view onto a grid. A splat belongs to the subject where the
    grid's cells are not transparent, in groups of cells that are not much smaller than the largest
-   one.
+   one. Of these, splats that are far in front of the others or behind are floaters.
 3. At each edge of the picture, `OUTSIDE` of the weight of these splats, which is opacity times
    projected area, may be outside.
 
@@ -56,6 +56,9 @@ OPAQUE = 0.2
 SMALLEST = 0.02
 """Smallest group of cells of the subject, by the sum of their opacities, relative to the largest
 one that the field is in."""
+DEEPER = 0.5
+"""Distance of the subject's nearest and farthest splats from 98 % of its weight, at most, relative
+to the depth of that."""
 FAINT = 0.25
 """Opacity at which a splat ends to be visible."""
 SPREAD = 1.2
@@ -115,6 +118,9 @@ class Subject:
         areas = _areas(axes)
         depths = counts * _depths(opacities) * areas
         kept, cell = _seen(centers, axes, depths, self.owners[is_near])
+        for owner in np.unique(self.owners[is_near]):
+            rows = np.flatnonzero(kept & (self.owners[is_near] == owner))
+            kept[rows] = _at_depth(centers[rows, 2], depths[rows])
         weight = (counts * opacities * np.minimum(areas, cell))[kept]
         centers, axes, opacities = centers[kept], axes[kept], opacities[kept]
         reach = np.sqrt(2 * np.log(np.maximum(opacities, FAINT) / FAINT))
@@ -323,6 +329,15 @@ def _seen(centers: F64, axes: F64, depths: F64, owners: I64) -> tuple[Mask, floa
         kept, area = size >= SMALLEST * largest[owners], cell**2
         kept &= (size > 0) | (largest[owners] == 0)
     return kept, area
+
+
+def _at_depth(values: F64, weight: F64) -> Mask:
+    """Return which splats are neither far in front of most of the weight nor far behind, shape
+    (n,): floaters may be before the subject in the picture."""
+    low, high = _quantile(values, weight, 0.01), _quantile(values, weight, 0.99)
+    around = DEEPER * (high - low)
+    found: Mask = (values >= low - around) & (values <= high + around)
+    return found
 
 
 def _groups(opacities: F64) -> F64:
