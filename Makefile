@@ -16,7 +16,7 @@ GPU_BENCHMARKS := commands cuda_frame simulation_cuda cuda_scaling lod_cuda
 
 CAPABILITIES := 8.0,9.0
 
-.PHONY: demo test test-all test-cuda lint bench bench-gpu cover clean
+.PHONY: demo test test-all test-cuda lint docs bench bench-gpu cover clean
 
 demo: $(READY)
 	$(BIN)/usdsplat demo $(CAPTURE) -o $(OUT)
@@ -45,6 +45,11 @@ lint: $(READY)
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+
+# The site, in build/site. The pages of reference/ are generated and committed; tests compare them.
+docs: $(READY)
+	$(BIN)/sphinx-build --fresh-env --fail-on-warning --keep-going --quiet docs build/site
+	@echo "build/site/index.html"
 
 cover: $(READY)
 	$(BIN)/python -m pytest --cov --cov-report=term-missing:skip-covered --cov-fail-under=90

@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 import pytest
 
-from usdsplat.core.axes import UP_AXIS_FRAME, change, frame_matrix
+from usdsplat.core.axes import UP_AXIS_FRAME, change, flipped, frame_matrix
 from usdsplat.core.errors import UsageError
 
 FRAMES = [
@@ -47,3 +47,11 @@ def test_other_names_are_refused(frame: str) -> None:
     """Oracle: they do not name three perpendicular directions."""
     with pytest.raises(UsageError, match="axes: found"):
         change(frame, "rub")
+
+
+def test_a_capture_upside_down_is_turned_about_the_direction_right():
+    """Oracle: half a turn about x in the reference axes, a diagonal matrix."""
+    turn = np.diag([1, -1, -1])
+    for frame in ("rdf", "rub", "rfu", "lub", "ulf"):
+        assert np.array_equal(frame_matrix(flipped(frame)), turn @ frame_matrix(frame))
+    assert flipped("rdf") == "rub"

@@ -10,6 +10,7 @@ import textwrap
 import types
 from collections.abc import Iterable, Iterator
 from dataclasses import MISSING, dataclass, field, fields, is_dataclass, make_dataclass
+from pathlib import Path
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
 from usdsplat.cli.flag_names import spelled
@@ -17,6 +18,7 @@ from usdsplat.core.knobs import Knob, knobs
 
 KNOB = "knob"
 """Metadata key of a flag's field; its value is the knob's name."""
+_METAVARS = {float: "FLOAT", int: "INT", str: "TEXT", Path: "PATH"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -62,6 +64,11 @@ class Argument:
         if self.shown.is_positional:
             return self.shown.metavar or self.name.upper()
         return f"--{self.shown.name or self.name.replace('_', '-')}"
+
+    @property
+    def value_name(self) -> str | None:
+        """Placeholder of the value in the help; None for a boolean."""
+        return _METAVARS.get(self.kind) if self.shown.metavar is None else self.shown.metavar
 
     @property
     def takes_value(self) -> bool:

@@ -37,6 +37,7 @@ COMMANDS = {
     "demo": "make a capture, a stage, pictures and sequences, as a tour of the features",
     "compile": "compile all kernels ahead of time, so that later commands do not wait for it",
     "worker": "carry out commands that another process sends",
+    "doctor": "say what is on this machine, what is missing, and how to get it",
     "plugin-path": "print the plug-in folders for usdview and other USD applications",
 }
 

@@ -8,7 +8,6 @@ import inspect
 import re
 from collections.abc import Sequence
 from dataclasses import fields, is_dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn, TypeVar, get_type_hints
 
 from usdsplat.cli import console
@@ -24,7 +23,6 @@ LARGEST = 2**31 - 1
 """Largest whole number that a flag takes; C++ libraries hold 32 bits."""
 NARROWEST = 40
 """Least width of help [character]; argparse may not end on a narrower terminal."""
-_METAVARS = {float: "FLOAT", int: "INT", str: "TEXT", Path: "PATH"}
 
 
 class _Mistake(Exception):
@@ -126,7 +124,7 @@ def _parser(
 def _add(parser: Any, argument: Argument) -> None:
     """Add one argument to a parser or to one of its groups."""
     shown, text = argument.shown, argument.text.replace("%", "%%")
-    metavar = _METAVARS.get(argument.kind) if shown.metavar is None else shown.metavar
+    metavar = argument.value_name
     if shown.is_positional:
         nargs = "*" if argument.is_many else "?"
         parser.add_argument(argument.dest, metavar=metavar, nargs=nargs, help=text)

@@ -23,9 +23,7 @@ notes:
 
 from __future__ import annotations
 
-import importlib
 import os
-import sys
 import webbrowser
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -48,8 +46,6 @@ if TYPE_CHECKING:
     from usdsplat.preview.document import Document
 
 LOOPBACK = "127.0.0.1"
-SCREENS = ("DISPLAY", "WAYLAND_DISPLAY", "QT_QPA_PLATFORM")
-"""Environment variables of which Qt on Linux needs at least one to show a window."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -248,16 +244,8 @@ def _check_stage(path: Path, options: Options, reporter: Reporter) -> None:
 
 
 def _check_window() -> None:
-    """Raise an error if no window can be shown. Each message suggests the page instead."""
-    try:
-        for module in ("PySide6", "PySide6.QtWidgets"):
-            importlib.import_module(module)
-    except ModuleNotFoundError:
-        expected = "'pip install usdsplat[view]', or --web for a page in a browser"
-        raise BackendError("window", "no PySide6", expected) from None
-    except ImportError as error:
-        expected = "the libraries that Qt needs, or --web for a page in a browser"
-        raise BackendError("window", str(error), expected) from None
-    if sys.platform.startswith("linux") and not any(os.environ.get(name) for name in SCREENS):
-        expected = "one that $DISPLAY or $WAYLAND_DISPLAY names, or --web for a page in a browser"
-        raise BackendError("window", "no display", expected)
+    """Raise an error if no window can be shown."""
+    from usdsplat.preview.screen import obstacle
+
+    if (missing := obstacle()) is not None:
+        raise BackendError("window", *missing)

@@ -43,6 +43,12 @@ def frame_matrix(frame: str) -> F64:
     return matrix
 
 
+def flipped(frame: str) -> str:
+    """Return the axes of a capture that is shown upside down, half a turn about the direction
+    right: "rub" for "rdf"."""
+    return frame.translate(str.maketrans("udfb", "dubf"))
+
+
 def change(source: str, target: str) -> F64:
     """Return the signed permutation from axes `source` to axes `target`, shape (3, 3).
 

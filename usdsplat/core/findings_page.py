@@ -7,12 +7,11 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from pathlib import Path
 
 from usdsplat.core.findings import CODES
-from usdsplat.core.output import write_output
+from usdsplat.core.generated_page import REFERENCE, keep_page
 
-TARGET = Path(__file__).parents[2] / "docs" / "reference" / "findings.md"
+TARGET = REFERENCE / "findings.md"
 
 _HEAD = """# Findings
 
@@ -57,11 +56,7 @@ def page() -> str:
 
 def main(arguments: Sequence[str]) -> int:
     """Write the page, or with --check return 1 if the stored one differs."""
-    if list(arguments) == ["--check"]:
-        return 0 if TARGET.read_text(encoding="utf-8") == page() else 1
-    TARGET.parent.mkdir(parents=True, exist_ok=True)
-    write_output(TARGET, page().encode())
-    return 0
+    return keep_page(TARGET, page(), arguments)
 
 
 if __name__ == "__main__":

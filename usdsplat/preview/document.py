@@ -16,6 +16,7 @@ from pxr import Sdf, Tf, Usd, UsdGeom
 
 from usdsplat.core.errors import StageError
 from usdsplat.delegate.engine import Engine
+from usdsplat.interchange.provenance import KEY
 from usdsplat.kernels.device import CpuDevice
 from usdsplat.preview import boxes
 from usdsplat.preview.compiling import telling
@@ -96,6 +97,8 @@ class Document:
                 up_axis=up_axis(stage),
                 cameras=tuple(self.engine.cameras()),
                 has_simulation=bool(find_simulations(stage)),
+                axes=self._axes("frame"),
+                axes_are_assumed=self._axes("frame_source") == "assumed",
             )
 
     def draw(self, state: ViewState) -> bool:
@@ -181,6 +184,14 @@ class Document:
             self.engine.close()
 
     # --- private ---------------------------------------------------------------------------
+
+    def _axes(self, name: str) -> str:
+        """Return what the import of a capture recorded of its axes; "" for a stage."""
+        if self.sources is None or not self.sources.is_capture:
+            return ""
+        records = (prim.GetCustomDataByKey(KEY) for prim in self.stage.Traverse())
+        found = next((each for each in records if isinstance(each, dict)), {})
+        return str(found.get(name, ""))
 
     def _note_change(self, notice: Usd.Notice.ObjectsChanged, stage: Usd.Stage) -> None:
         """Record a change of the stage.

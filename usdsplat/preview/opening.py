@@ -31,16 +31,17 @@ class StageLoading:
 
 
 class _Telling:
-    """Progress receiver that publishes the name of each new task."""
+    """Progress receiver that publishes each new task, and then each percent of it."""
 
     def __init__(self, publish: Callable[[Event], None]) -> None:
         self._publish = publish
-        self._label = ""
+        self._label, self._percent = "", 0
 
     def step(self, label: str, done: int, total: int) -> None:
-        if label != self._label:
-            self._label = label
-            self._publish(Busy(what=label))
+        percent = 100 * done // max(total, 1)
+        if (label, percent) != (self._label, self._percent):
+            self._label, self._percent = label, percent
+            self._publish(Busy(what=label, done=done, total=total))
 
     def end(self) -> None:
         if self._label:

@@ -124,6 +124,10 @@ class Opened:
     up_axis: Literal["Y", "Z"]
     cameras: tuple[str, ...]
     has_simulation: bool
+    axes: str = ""
+    """Axes of a capture, such as "rdf"; "" for a stage."""
+    axes_are_assumed: bool = False
+    """Whether neither a user, nor the file, nor its splats say what the axes are."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -167,6 +171,9 @@ class Busy:
     """Event: a long operation, such as compiling; "" when it is over."""
 
     what: str
+    done: int = 0
+    total: int = 0
+    """Number of its parts; 0 if it is not known."""
 
 
 Event = Picture | Opened | StageChanged | SimulationStatus | Problem | Busy

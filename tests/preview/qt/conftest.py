@@ -14,7 +14,7 @@ os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 import pytest
 
 try:
-    from PySide6.QtCore import QEventLoop, QTimer
+    from PySide6.QtCore import QEventLoop, QSettings, QTimer
     from PySide6.QtWidgets import QApplication
 except ImportError as error:  # Qt needs libraries of the system, such as libEGL
     warnings.warn(f"windows are not tested: {error}", stacklevel=1)
@@ -59,6 +59,13 @@ def bench(application: QApplication) -> Iterator[Bench]:
     made.viewport.close()
 
 
+@pytest.fixture(autouse=True)
+def _settings_of_a_new_user(tmp_path_factory: pytest.TempPathFactory) -> None:
+    """Windows remember nothing of the user who runs the tests, and nothing for them."""
+    folder = tmp_path_factory.mktemp("settings")
+    QSettings.setPath(QSettings.Format.IniFormat, QSettings.Scope.UserScope, str(folder))
+
+
 @pytest.fixture
 def window(application: QApplication) -> Iterator[Window]:
     """A window of nothing; closed in the end."""
@@ -67,7 +74,7 @@ def window(application: QApplication) -> Iterator[Window]:
 
     window = windows.show(Window())
     yield window
-    window.close()
+    window.leave()
 
 
 @pytest.fixture(scope="session")

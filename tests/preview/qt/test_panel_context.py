@@ -23,7 +23,7 @@ PATIENCE = 20.0  # s; only a failure takes as long
 @pytest.fixture
 def context(application: QApplication) -> Iterator[PanelContext]:
     """Of a document that has edits, and nothing else."""
-    edits = SimpleNamespace(undoable="Set", redoable=None)
+    edits = SimpleNamespace(undoable="Set", redoable=None, has_unsaved=True)
     document = SimpleNamespace(
         edits=edits,
         lock=threading.RLock(),

@@ -26,7 +26,7 @@ LAST = 4
 def window(application: QApplication) -> Iterator[Window]:
     window = windows.show(Window())
     yield window
-    window.close()
+    window.leave()
 
 
 @pytest.fixture

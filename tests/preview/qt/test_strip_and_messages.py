@@ -21,7 +21,7 @@ from usdsplat.preview.qt.workspace import Workspace
 def workspace(application: QApplication, tmp_path: Path) -> Iterator[Workspace]:
     window = windows.show(Window())
     yield opened(window, windows.write_stage(tmp_path / "two.usda"))
-    window.close()
+    window.leave()
 
 
 @pytest.mark.parametrize("width", [320, 480, 900])

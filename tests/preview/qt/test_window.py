@@ -31,7 +31,7 @@ def test_a_window_is_there_before_its_stage_and_says_what_it_reads(
     """Oracle: a person's expectation."""
     window.open(stage_path)
     assert window.isVisible()
-    assert window.empty_note.text() == "Reading two.usda…"
+    assert window.empty.note.text() == "Reading two.usda…"
     wait_until(lambda: window.workspace)
     assert window.windowTitle() == "two.usda — usdsplat"
 
@@ -289,7 +289,7 @@ def test_two_windows_do_not_influence_each_other(
         assert workspace.context.time == 1
         assert not window.actions_by_name["undo"].isEnabled()
     finally:
-        other.close()
+        other.leave()
     press(window, "Shift+G")
     assert not np.array_equal(image(workspace), here_before)
 

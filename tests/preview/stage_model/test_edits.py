@@ -349,3 +349,22 @@ def test_undoing_what_a_child_says_leaves_its_parent_as_somebody_else_made_it():
     edits.undo()
     assert not stage.GetPrimAtPath("/World").IsActive()
     assert stage.GetSessionLayer().GetAttributeAtPath("/World/Ball.radius") is None
+
+
+def test_edits_since_the_last_save_are_known_also_when_a_drag_goes_on():
+    """Oracle: what a save would write, compared by hand."""
+    edits = Edits(rich())
+    assert not edits.has_unsaved
+    edits.set_value("/World/Ball.radius", 2.0, merge="drag")
+    assert edits.has_unsaved
+    edits.note_saved()
+    assert not edits.has_unsaved
+    edits.set_value("/World/Ball.radius", 3.0, merge="drag")  # no new step, another value
+    assert edits.has_unsaved
+    edits.note_saved()
+    edits.set_visible("/World/Cloud", False)
+    assert edits.has_unsaved
+    edits.undo()
+    assert not edits.has_unsaved
+    edits.undo()
+    assert edits.has_unsaved

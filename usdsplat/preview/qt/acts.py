@@ -29,6 +29,9 @@ class Acting(Protocol):
     def ask_open(self) -> Any:
         """Show a dialog to open a stage."""
 
+    def flip(self) -> Any:
+        """Open the capture again, turned upside down."""
+
     def show_help(self) -> Any:
         """Show the keys."""
 
@@ -69,6 +72,7 @@ def acts_of(window: Acting) -> dict[str, Callable[[], Any]]:
         "free_camera": lambda: here().free_camera(),
         "save_camera": lambda: here().save_camera(),
         "add_bookmark": lambda: here().context.viewer.add_bookmark(),
+        "flip": window.flip,
         "hud": lambda: here().toggle_hud(),
         "compare": lambda: here().toggle_compare(),
         "previous_aov": lambda: here().next_aov(-1),

@@ -92,7 +92,7 @@ def run(
         for number, handler in before.items():
             signal.signal(number, handler)
         for each in tuple(windows.open):
-            each.close()
+            each.leave()
 
 
 def _begin(window: Window, camera: str | None, time: float | None) -> None:

@@ -60,6 +60,7 @@ KEYS = (
     Key(name="free_camera", menu="Camera", text="Free camera", keys=("Ctrl+0",)),
     Key(name="save_camera", menu="Camera", text="Save view as a camera on the session layer"),
     Key(name="add_bookmark", menu="Camera", text="Bookmark this view", keys=("Ctrl+B",)),
+    Key(name="flip", menu="View", text="Turn the capture upside down", begins=True),
     Key(
         name="hud",
         menu="View",

@@ -40,6 +40,8 @@ class PanelContext(QObject):
         self.viewer = Viewer(proxy, changed=self.view_changed.emit, glide=GLIDE)
         self.picture: Picture | None = None
         """The last picture."""
+        self.has_unsaved = False
+        """Whether the session layer has edits that are not saved, as far as is known."""
         self._drags: dict[str, LatestRequest] = {}
         """Requests of drags in progress, by name."""
         self._history = Question(self, self._ask_history)
@@ -74,12 +76,9 @@ class PanelContext(QObject):
                 step.
         """
 
-        def task(document: Document) -> tuple[str | None, str | None]:
+        def task(document: Document) -> tuple[str | None, str | None, bool]:
             step(document.edits)
-            return document.edits.undoable, document.edits.redoable
-
-        def done(names: tuple[str | None, str | None]) -> None:
-            self.history_changed.emit(*names)
+            return _history_of(document)
 
         def refused(error: UsdSplatError) -> None:
             self.proxy.complain(error)
@@ -87,7 +86,11 @@ class PanelContext(QObject):
 
         self._drags = {name: each for name, each in self._drags.items() if each.is_busy}
         asks = self._drags.setdefault(drag, LatestRequest(self.proxy)) if drag else self.proxy
-        asks.ask(task, done, refused)
+        asks.ask(task, self._show_history, refused)
+
+    def refresh_history(self) -> None:
+        """Ask again for the labels of undo and redo, and whether there are unsaved edits."""
+        self._history.refresh(at_once=True)
 
     def attempt(self, act: Callable[[], object]) -> None:
         """Run an action on the viewer; an error becomes a problem message."""
@@ -109,15 +112,21 @@ class PanelContext(QObject):
         self.viewer.shown(picture)
 
     def _ask_history(self, done: Callable[[], None]) -> None:
-        def answered(names: tuple[str | None, str | None]) -> None:
+        def answered(history: tuple[str | None, str | None, bool]) -> None:
             done()
-            self.history_changed.emit(*names)
+            self._show_history(history)
 
-        self.proxy.ask(
-            lambda document: (document.edits.undoable, document.edits.redoable),
-            answered,
-            lambda error: done(),
-        )
+        self.proxy.ask(_history_of, answered, lambda error: done())
+
+    def _show_history(self, history: tuple[str | None, str | None, bool]) -> None:
+        undoable, redoable, self.has_unsaved = history
+        self.history_changed.emit(undoable, redoable)
+
+
+def _history_of(document: Document) -> tuple[str | None, str | None, bool]:
+    """Return the labels of the next undo and redo, and whether there are unsaved edits."""
+    edits = document.edits
+    return edits.undoable, edits.redoable, edits.has_unsaved
 
 
 class Question(QObject):

@@ -64,13 +64,25 @@ class Saving(QObject):
         self._said = said
         self._window = window
 
-    def session_layer(self) -> None:
+    def session_layer(self, then: Callable[[], None] = lambda: None) -> None:
         """Ask for a file and save the session layer, which can be stacked over the stage."""
-        ask_name(self._window, "Save session layer as", USD, "session.usda", self.write_session)
+        write = partial(self.write_session, then=then)
+        ask_name(self._window, "Save session layer as", USD, "session.usda", write)
 
-    def write_session(self, path: Path) -> None:
-        """Write the session layer."""
-        self._write(path, lambda document: stage_saving.save_session(document.stage, path))
+    def write_session(self, path: Path, *, then: Callable[[], None] = lambda: None) -> None:
+        """Write the session layer, then call `then`."""
+
+        def task(document: Document) -> None:
+            stage_saving.save_session(document.stage, path)
+            document.edits.note_saved()
+
+        def done(_: object) -> None:
+            self._said(f"Wrote {path.name}")
+            self._context.has_unsaved = False
+            self._context.refresh_history()
+            then()
+
+        self._context.proxy.ask(task, done)
 
     def camera_layer(self) -> None:
         """Ask for a file and save the view as a camera in a layer."""

@@ -16,6 +16,7 @@ from PySide6.QtWidgets import (
     QListWidget,
     QMessageBox,
     QPushButton,
+    QStackedWidget,
     QVBoxLayout,
     QWidget,
 )
@@ -24,6 +25,7 @@ from usdsplat.core.errors import StageError
 from usdsplat.core.output import Existing
 from usdsplat.preview.document import Document
 from usdsplat.preview.qt import style
+from usdsplat.preview.qt.first_simulation import FirstSimulation
 from usdsplat.preview.qt.glyphs import glyph
 from usdsplat.preview.qt.knob_panel import KnobPanel
 from usdsplat.preview.qt.panel_context import PanelContext, Question
@@ -78,6 +80,7 @@ class SimulationPanel(QWidget):
         self.search.setPlaceholderText("Search parameters")
         self.search.setClearButtonEnabled(True)
         self.search.textChanged.connect(lambda text: self.panel.search(text))
+        self.first = FirstSimulation(context)
         self.panel.changed.connect(self._set)
         self.panel.refused.connect(context.complain)
         self._lay_out()
@@ -109,6 +112,7 @@ class SimulationPanel(QWidget):
         self._facts.setText("   ".join(facts))
         self._message.setText(status.message)
         self._message.setVisible(bool(status.message))
+        self._pages.setCurrentIndex(int(has_one))
 
     def toggle(self) -> None:
         """Run, or pause."""
@@ -176,11 +180,18 @@ class SimulationPanel(QWidget):
         lines.setContentsMargins(0, 0, 0, 6)
         lines.addWidget(self.panel)
         lines.addStretch(1)
-        column = QVBoxLayout(self)
+        controls = QWidget()
+        column = QVBoxLayout(controls)
         column.setContentsMargins(0, 0, 0, 0)
         column.setSpacing(0)
         column.addWidget(head)
         column.addWidget(scrolling(body), 1)
+        self._pages = QStackedWidget()
+        self._pages.addWidget(self.first)
+        self._pages.addWidget(controls)
+        whole = QVBoxLayout(self)
+        whole.setContentsMargins(0, 0, 0, 0)
+        whole.addWidget(self._pages)
 
     def _command(self, name: str) -> None:
         self._context.proxy.ask(partial(_do, name=name))

@@ -16,20 +16,22 @@ from PySide6.QtWidgets import (
     QMainWindow,
     QMessageBox,
     QStackedWidget,
-    QVBoxLayout,
-    QWidget,
 )
 
 from usdsplat import __version__, formats
+from usdsplat.core.axes import flipped
 from usdsplat.interchange.files import SUFFIXES
 from usdsplat.preview.document import Document
 from usdsplat.preview.opening import open_document
-from usdsplat.preview.qt import style
+from usdsplat.preview.qt import remembered, style
 from usdsplat.preview.qt.acts import acts_of
+from usdsplat.preview.qt.empty_page import EmptyPage
 from usdsplat.preview.qt.glyphs import window_icon
 from usdsplat.preview.qt.help_dialog import HelpDialog
 from usdsplat.preview.qt.keys import KEYS, MENUS, Key
+from usdsplat.preview.qt.leaving import ask_to_leave, losses
 from usdsplat.preview.qt.message_bar import MessageBar, over
+from usdsplat.preview.qt.recent_menu import RecentMenu
 from usdsplat.preview.qt.save_dialogs import Saving
 from usdsplat.preview.qt.session_proxy import SessionProxy
 from usdsplat.preview.qt.workspace import Workspace
@@ -39,7 +41,6 @@ from usdsplat.preview.values import Busy, Opened, Problem
 Opener = Callable[..., Document]
 """Opens a document in the session's thread; called with `publish`."""
 
-SIZE = (1600, 1000)
 PURPOSES = ("render", "proxy", "guide")
 ALWAYS = ("open", "new", "close", "quit", "help", "about")
 """Actions that need no stage."""
@@ -70,15 +71,19 @@ class Window(QMainWindow):
         self._remarks: tuple[str, ...] = ()
         """Remarks on the stage that is being opened."""
         self._path: Path | None = None
+        self._axes: str | None = None
+        """Axes of a capture that was turned here; None for its own."""
+        self._leaves = False
+        """Whether the window closes without asking."""
         self.workspace: Workspace | None = None
         self.saving: Saving | None = None
         self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         self.setWindowIcon(window_icon())
         self.setStyleSheet(style.sheet())
         self.setAcceptDrops(True)
-        self.resize(*SIZE)
+        remembered.place(self)
         self.problems = MessageBar(is_problem=True)
-        self.empty = self._make_empty()
+        self.empty = EmptyPage()
         self._pages = QStackedWidget()
         self._pages.addWidget(self.empty)
         self.setCentralWidget(over(self._pages, self.problems))
@@ -102,11 +107,34 @@ class Window(QMainWindow):
 
     # --- opening ----------------------------------------------------------------------------
 
-    def open(self, path: Path) -> None:
-        """Open a stage or a capture here, once it is read."""
-        self._path = path
-        opener = partial(open_document, path, device=self._device, threads=self._threads)
+    def open(self, path: Path, *, axes: str | None = None) -> None:
+        """Open a stage or a capture here, once it is read; ask first if work would be lost.
+
+        Args:
+            path: The file.
+            axes: Axes of a capture; None for its own.
+        """
+        self._unless_kept(partial(self._open, path, axes))
+
+    def flip(self) -> None:
+        """Open the capture again, turned upside down; a stage has its own axes and stays."""
+        workspace = self.workspace
+        if workspace is not None and self._path is not None and workspace.opened.axes:
+            self.open(self._path, axes=flipped(workspace.opened.axes))
+
+    def _open(self, path: Path, axes: str | None) -> None:
+        self._path, self._axes = path, axes
+        device, threads = self._device, self._threads
+        opener = partial(open_document, path, device=device, threads=threads, axes=axes)
         self.open_with(opener, name=path.name)
+
+    def _unless_kept(self, leave: Callable[[], None]) -> None:
+        """Call a function, after asking if edits or a recording would be lost by it."""
+        workspace, saving = self.workspace, self.saving
+        if workspace is not None and saving is not None and losses(workspace):
+            ask_to_leave(self, workspace, saving, leave)
+        else:
+            leave()
 
     def open_with(self, opener: Opener, *, name: str = "") -> None:
         """Open a document by a function, in its own session."""
@@ -118,6 +146,7 @@ class Window(QMainWindow):
         proxy.problem.connect(partial(self._could_not_open, proxy))
         proxy.busy.connect(self._show_busy)
         self._say(f"Reading {name}…" if name else "Reading…")
+        self.empty.say(self.note)
 
     def _switch(self, proxy: SessionProxy, opened: Opened) -> None:
         """Replace the old stage by the newly opened one."""
@@ -131,6 +160,7 @@ class Window(QMainWindow):
         self.workspace = workspace
         self.saving = Saving(workspace.context, said=self._say_briefly, window=self)
         workspace.device_chosen.connect(self._use_device)
+        workspace.simulation.first.made.connect(self.open)
         workspace.context.history_changed.connect(self._show_history)
         workspace.context.view_changed.connect(self._follow)
         workspace.context.proxy.picture.connect(
@@ -141,6 +171,11 @@ class Window(QMainWindow):
             workspace.timeline.addAction(self.actions_by_name[name])
         if self._remarks:
             workspace.problems.say("\n".join(self._remarks))
+        if opened.axes_are_assumed:
+            words = f"The file does not say where its axes point; {opened.axes} is assumed."
+            workspace.notices.say(words, action="Flip", act=self.flip)
+        if self._path is not None:
+            remembered.note_file(self._path)
         self._pages.addWidget(workspace)
         self._pages.setCurrentWidget(workspace)
         self.problems.clear()
@@ -162,6 +197,7 @@ class Window(QMainWindow):
             if proxy.session.has_failed:
                 self._forget_pending()
                 self._say("")
+                self.empty.say("")
                 self.problems.say("\n".join(self._remarks))
 
     def _forget_pending(self) -> None:
@@ -175,7 +211,7 @@ class Window(QMainWindow):
         """Reopen the file on another device."""
         self._device = device
         if self._path is not None:
-            self.open(self._path)
+            self.open(self._path, axes=self._axes)
 
     # --- actions ---------------------------------------------------------------------------
 
@@ -209,16 +245,26 @@ class Window(QMainWindow):
 
     def dragEnterEvent(self, event: QDragEnterEvent) -> None:
         if any(url.isLocalFile() for url in event.mimeData().urls()):
-            event.acceptProposedAction()
+            _take_a_copy(event)
 
     def dropEvent(self, event: QDropEvent) -> None:
         files = [url.toLocalFile() for url in event.mimeData().urls() if url.isLocalFile()]
-        event.acceptProposedAction()
+        _take_a_copy(event)
         self.open(Path(files[0]))
         for each in files[1:]:
             self.new_requested.emit(Path(each))
 
+    def leave(self) -> None:
+        """Close the window without asking."""
+        self._leaves = True
+        self.close()
+
     def closeEvent(self, event: QCloseEvent) -> None:
+        if not self._leaves and losses(self.workspace):
+            event.ignore()
+            self._unless_kept(self.leave)
+            return
+        remembered.keep_place(self)
         self._forget_pending()
         if self.workspace is not None:
             self.workspace.end()
@@ -244,6 +290,8 @@ class Window(QMainWindow):
             action.setCheckable(True)
             action.triggered.connect(partial(self._set_purpose, purpose))
             self._purposes[purpose] = action
+        self._recent = RecentMenu(self, opens=self.open)
+        menus["File"].insertMenu(self.actions_by_name["new"], self._recent)
         menus["Camera"].aboutToShow.connect(self._fill_cameras)
         self._camera_menu = menus["Camera"]
         self._cameras: list[QAction] = []
@@ -306,6 +354,8 @@ class Window(QMainWindow):
         for name, action in self.actions_by_name.items():
             if name not in ("undo", "redo"):
                 action.setEnabled(self.workspace is not None or name in ALWAYS)
+        is_capture = self.workspace is not None and bool(self.workspace.opened.axes)
+        self.actions_by_name["flip"].setEnabled(is_capture)
         self._enable_simulation()
 
     def _enable_simulation(self) -> None:
@@ -315,11 +365,12 @@ class Window(QMainWindow):
             self.actions_by_name[name].setEnabled(has_simulation)
 
     def _show_busy(self, busy: Busy) -> None:
-        self._say(busy.what)
+        part = f" {100 * busy.done // busy.total} %" if busy.total else ""
+        self._say(f"{busy.what}{part}")
+        self.empty.show_busy(busy)
 
     def _say(self, words: str) -> None:
         self._note.setText(words)
-        self.empty_note.setText(words or "Drop a stage or a capture here, or open one with Ctrl+O")
 
     def _say_briefly(self, words: str) -> None:
         self._say(words)
@@ -337,16 +388,8 @@ class Window(QMainWindow):
     def _show_title(self, name: str = "") -> None:
         self.setWindowTitle(f"{name} — usdsplat" if name else "usdsplat")
 
-    def _make_empty(self) -> QWidget:
-        """Create the widget shown without a stage."""
-        page = QWidget()
-        column = QVBoxLayout(page)
-        picture = QLabel()
-        picture.setPixmap(window_icon().pixmap(96, 96))
-        self.empty_note = QLabel("Drop a stage or a capture here, or open one with Ctrl+O")
-        self.empty_note.setProperty("role", "quiet")
-        column.addStretch(1)
-        for label in (picture, self.empty_note):
-            column.addWidget(label, 0, Qt.AlignmentFlag.AlignHCenter)
-        column.addStretch(1)
-        return page
+
+def _take_a_copy(event: QDropEvent) -> None:
+    """Accept a drop as a copy: where it is taken as a move, a file manager may delete the file."""
+    event.setDropAction(Qt.DropAction.CopyAction)
+    event.accept()

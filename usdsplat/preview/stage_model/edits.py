@@ -36,6 +36,17 @@ class Edits:
         self.stage = stage
         self.layer = stage.GetSessionLayer()
         self._history = History(self.layer)
+        self._saved = self._history.state
+
+    @property
+    def has_unsaved(self) -> bool:
+        """Whether there are other edits than at the last `note_saved`, or at the start."""
+        (step, merged), (saved, saved_merged) = self._history.state, self._saved
+        return step is not saved or merged != saved_merged
+
+    def note_saved(self) -> None:
+        """Note that the session layer was saved."""
+        self._saved = self._history.state
 
     @property
     def undoable(self) -> str | None:

@@ -71,6 +71,8 @@ class Step:
     before: Snapshot
     after: Snapshot | None = None
     """The opinions after the step, once it was undone."""
+    merged: int = 0
+    """Number of later steps that were merged into it."""
 
 
 class History:
@@ -91,9 +93,15 @@ class History:
         """Name of the step that `redo` repeats."""
         return self._undone[-1].name if self._undone else None
 
+    @property
+    def state(self) -> tuple[Step | None, int]:
+        """What tells the present opinions from those at another time, as long as both are kept."""
+        return (self._done[-1], self._done[-1].merged) if self._done else (None, 0)
+
     def add(self, step: Step) -> None:
         """Record a done step and forget the undone ones."""
         if self._done and not self._undone and _continues(step, self._done[-1]):
+            self._done[-1].merged += 1
             return
         self._undone.clear()
         self._done.append(step)

@@ -1,0 +1,277 @@
+"""Tests of first seconds: size, recent files, drops, turned captures, unsaved work."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PySide6.QtCore import QMimeData, QPointF, Qt, QUrl
+from PySide6.QtGui import QDragEnterEvent, QDropEvent
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QApplication, QFileDialog, QLineEdit, QMessageBox
+
+from tests.preview.qt import windows
+from tests.preview.qt.conftest import wait_until
+from tests.preview.qt.windows import LEFT, click_cell, opened, press, settled, texts
+from usdsplat import formats, procedural_capture
+from usdsplat.preview.opening import _Telling
+from usdsplat.preview.qt import remembered
+from usdsplat.preview.qt.empty_page import INVITATION
+from usdsplat.preview.qt.leaving import EDITED, RECORDS, losses
+from usdsplat.preview.qt.prim_model import VISIBLE
+from usdsplat.preview.qt.window import Window
+from usdsplat.preview.qt.workspace import Workspace
+from usdsplat.preview.values import Busy, SimulationStatus
+
+
+@pytest.fixture
+def capture(tmp_path: Path) -> Path:
+    """A capture whose file says nothing of its axes, and whose splats say little."""
+    cloud = procedural_capture(2000)
+    rng = np.random.default_rng(3)
+    cloud.positions[:] = rng.normal(0, 1, cloud.positions.shape)
+    formats.write(cloud, tmp_path / "scan.ply")
+    return tmp_path / "scan.ply"
+
+
+# --- size and place ---------------------------------------------------------------------------
+
+
+def test_a_first_window_fits_its_screen(application: QApplication) -> None:
+    """Oracle: the available geometry that Qt reports."""
+    window = Window()
+    window.show()
+    room = window.screen().availableGeometry()
+    assert room.contains(window.geometry())
+    assert window.width() <= remembered.SIZE.width() or window.width() <= room.width()
+    window.leave()
+
+
+def test_the_next_window_has_the_size_of_the_last(application: QApplication) -> None:
+    """Oracle: the size that a user gave."""
+    first = Window()
+    first.show()
+    first.resize(611, 433)
+    first.close()
+    second = Window()
+    second.show()
+    assert (second.width(), second.height()) == (611, 433)
+    second.leave()
+
+
+# --- recent files -----------------------------------------------------------------------------
+
+
+def test_files_that_were_opened_are_offered_again(
+    window: Window, stage_path: Path, tmp_path: Path
+) -> None:
+    """Oracle: the order in which they were opened; a file that is gone cannot be chosen."""
+    gone = windows.write_stage(tmp_path / "gone.usda")
+    opened(window, gone)
+    opened(window, stage_path)
+    gone.unlink()
+    menu = window._recent
+    menu.aboutToShow.emit()
+    assert texts(menu)[:2] == ["two.usda", "gone.usda"]
+    assert [action.isEnabled() for action in menu.actions()[:2]] == [True, False]
+    before = window.workspace
+    menu.actions()[0].trigger()
+    wait_until(lambda: window.workspace is not before)
+    menu.aboutToShow.emit()
+    menu.actions()[-1].trigger()
+    assert remembered.recent_files() == ()
+
+
+def test_no_more_files_are_kept_than_a_menu_holds(application: QApplication) -> None:
+    """Oracle: the newest first, each once."""
+    for number in (*range(20), 12):
+        remembered.note_file(Path(f"/shots/{number}.usda"))
+    kept = [path.stem for path in remembered.recent_files()]
+    assert kept == ["12", *map(str, (19, 18, 17, 16, 15, 14, 13, 11, 10, 9, 8))]
+
+
+# --- drops ------------------------------------------------------------------------------------
+
+
+def test_a_drop_is_a_copy_even_where_a_move_is_proposed(window: Window, stage_path: Path) -> None:
+    """Oracle: the action that the sender reads; of a move it may delete the file."""
+    data = QMimeData()
+    data.setUrls([QUrl.fromLocalFile(str(stage_path))])
+    both = Qt.DropAction.MoveAction | Qt.DropAction.CopyAction
+    place, none = QPointF(100, 100), Qt.KeyboardModifier.NoModifier
+    enter = QDragEnterEvent(place.toPoint(), both, data, LEFT, none)
+    enter.setDropAction(Qt.DropAction.MoveAction)
+    window.dragEnterEvent(enter)
+    drop = QDropEvent(place, both, data, LEFT, none)
+    drop.setDropAction(Qt.DropAction.MoveAction)
+    window.dropEvent(drop)
+    for event in (enter, drop):
+        assert event.isAccepted() and event.dropAction() == Qt.DropAction.CopyAction
+    wait_until(lambda: window.workspace is not None)
+
+
+# --- captures that look turned ----------------------------------------------------------------
+
+
+def test_a_capture_of_unknown_axes_offers_to_be_turned(window: Window, capture: Path) -> None:
+    """Oracle: half a turn about the direction right: y and z of the axes change their signs."""
+    workspace = opened(window, capture)
+    assert (workspace.opened.axes, workspace.opened.axes_are_assumed) == ("rdf", True)
+    assert "rdf is assumed" in workspace.notices.sentence
+    assert workspace.notices.button.text() == "Flip"
+    QTest.mouseClick(workspace.notices.button, LEFT)
+    wait_until(lambda: window.workspace is not workspace)
+    turned = window.workspace
+    assert turned is not None
+    assert (turned.opened.axes, turned.opened.axes_are_assumed) == ("rub", False)
+    assert turned.notices.sentence == ""
+    window.actions_by_name["flip"].trigger()
+    wait_until(lambda: window.workspace is not turned)
+    assert window.workspace is not None and window.workspace.opened.axes == "rdf"
+
+
+def test_a_stage_is_not_turned(window: Window, workspace: Workspace) -> None:
+    """Oracle: a stage states its axes."""
+    assert workspace.opened.axes == "" and not workspace.notices.sentence
+    assert not window.actions_by_name["flip"].isEnabled()
+    window.flip()
+    assert window.workspace is workspace
+
+
+# --- work that would be lost ------------------------------------------------------------------
+
+
+def test_closing_asks_before_edits_are_lost(window: Window, workspace: Workspace) -> None:
+    """Oracle: a person's expectation: nothing to ask before the edit, and after its undo."""
+    assert losses(workspace) == ()
+    _hide(workspace)
+    press(window, "Ctrl+Z")
+    wait_until(lambda: not workspace.context.has_unsaved)
+    press(window, "Shift+Ctrl+Z")
+    wait_until(lambda: workspace.context.has_unsaved)
+    window.close()
+    box = _box(window)
+    assert box.text() == EDITED.format(name="two.usda")
+    _click(box, "Stay")
+    assert window.isVisible() and window.workspace is workspace
+    closed: list[bool] = []
+    window.closed.connect(lambda: closed.append(True))
+    window.close()
+    _click(_box(window), "Leave without saving")
+    assert closed == [True]
+
+
+def test_edits_can_be_saved_before_another_stage_is_opened(
+    window: Window, workspace: Workspace, stage_path: Path, tmp_path: Path
+) -> None:
+    """Oracle: the file, and the stage that is open afterwards."""
+    _hide(workspace)
+    window.open(stage_path)
+    _click(_box(window), "Save as…")
+    wait_until(lambda: len(window.findChildren(QFileDialog)) == 1)
+    dialog = window.findChild(QFileDialog)
+    dialog.findChild(QLineEdit).setText(str(tmp_path / "mine.usda"))
+    dialog.accept()
+    wait_until(lambda: window.workspace is not workspace)
+    assert "invisible" in (tmp_path / "mine.usda").read_text()
+
+
+def test_edits_that_were_saved_are_not_asked_about(
+    window: Window, workspace: Workspace, tmp_path: Path
+) -> None:
+    """Oracle: a further step of the same kind is one more edit."""
+    _hide(workspace)
+    assert window.saving is not None
+    window.saving.write_session(tmp_path / "mine.usda")
+    wait_until(lambda: not workspace.context.has_unsaved)
+    assert losses(workspace) == ()
+    click_cell(workspace, "/World/B", VISIBLE)
+    wait_until(lambda: workspace.context.has_unsaved)
+
+
+def test_closing_asks_before_a_recording_is_stopped(window: Window, workspace: Workspace) -> None:
+    """Oracle: the status that the session reports."""
+    workspace.simulation.show_status(SimulationStatus(state="recording", frame=3))
+    window.close()
+    box = _box(window)
+    assert box.text() == RECORDS
+    assert [button.text() for button in box.buttons()].count("Save as…") == 0
+    _click(box, "Stay")
+    assert window.isVisible()
+
+
+# --- a first simulation -----------------------------------------------------------------------
+
+
+def test_an_empty_simulation_tab_starts_one(
+    window: Window, workspace: Workspace, tmp_path: Path
+) -> None:
+    """Oracle: the stage that `simulate --preset` writes has a SplatSim prim."""
+    formats.write(procedural_capture(2000), tmp_path / "scan.ply")
+    workspace = opened(window, tmp_path / "scan.ply")
+    first = workspace.simulation.first
+    workspace.right.setCurrentWidget(workspace.simulation)
+    assert first.isVisible()
+    QTest.mouseClick(first.buttons["push"], LEFT)
+    wait_until(lambda: len(window.findChildren(QFileDialog)) == 1)
+    dialog = window.findChild(QFileDialog)
+    dialog.findChild(QLineEdit).setText(str(tmp_path / "push.usda"))
+    dialog.accept()
+    wait_until(lambda: window.workspace is not workspace)
+    assert window.workspace is not None
+    assert window.windowTitle().startswith("push.usda")
+    panel = window.workspace.simulation
+    wait_until(lambda: panel.status.state == "ready")
+    assert not panel.first.isVisible()
+
+
+def test_a_preset_that_fails_says_why_and_can_be_tried_again(
+    window: Window, workspace: Workspace, stage_path: Path
+) -> None:
+    """Oracle: the sentence of the command; this stage has two fields."""
+    first = workspace.simulation.first
+    first.make("grow", stage_path.with_name("grow.usda"))
+    assert not first.buttons["grow"].isEnabled()
+    wait_until(lambda: workspace.problems.sentence)
+    assert "found 2 splat fields, expected one" in workspace.problems.sentence
+    assert first.buttons["grow"].isEnabled()
+
+
+# --- progress ---------------------------------------------------------------------------------
+
+
+def test_reading_shows_how_much_is_read(window: Window) -> None:
+    """Oracle: the numbers of the events."""
+    window._show_busy(Busy(what="reading scan.ply", done=3, total=4))
+    assert window.empty.bar.isVisible()
+    assert (window.empty.bar.value(), window.empty.bar.maximum()) == (3, 4)
+    assert window.note == "reading scan.ply 75 %"
+    window._show_busy(Busy(what=""))
+    assert not window.empty.bar.isVisible() and window.empty.note.text() == INVITATION
+
+
+def test_each_percent_is_told_once() -> None:
+    """Oracle: a count by hand."""
+    told: list[Busy] = []
+    telling = _Telling(told.append)  # type: ignore[arg-type]
+    for done in range(1001):
+        telling.step("reading", done, 1000)
+    assert len(told) == 101
+    telling.end()
+    assert told[-1] == Busy(what="")
+
+
+def _hide(workspace: Workspace) -> None:
+    settled(workspace)
+    click_cell(workspace, "/World/A", VISIBLE)
+    wait_until(lambda: workspace.context.has_unsaved)
+
+
+def _box(window: Window) -> QMessageBox:
+    wait_until(lambda: any(box.isVisible() for box in window.findChildren(QMessageBox)))
+    return next(box for box in window.findChildren(QMessageBox) if box.isVisible())
+
+
+def _click(box: QMessageBox, text: str) -> None:
+    QTest.mouseClick(next(each for each in box.buttons() if each.text() == text), LEFT)
