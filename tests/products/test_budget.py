@@ -12,6 +12,7 @@ from tests.cli.conftest import ball
 from tests.trees import little_tree
 from usdsplat.core.errors import UsageError
 from usdsplat.delegate.engine import Engine
+from usdsplat.images.frame_numbers import FileName
 from usdsplat.products.budget import budget, with_node_memory
 from usdsplat.products.drawing import draw_frames
 from usdsplat.products.planning import plan_pictures
@@ -84,3 +85,23 @@ def test_chosen_memory_for_nodes_is_kept_under_a_limit(
             return
         with pytest.raises(UsageError, match="--node-memory: found 1 MiB, expected at least"):
             next(pictures)
+
+
+@pytest.mark.parametrize(("background", "each"), [((0.0, 0.0, 0.0), 12), (None, 40)])
+def test_the_encoder_of_a_webp_needs_memory_for_the_whole_picture(
+    monkeypatch: pytest.MonkeyPatch, background: tuple[float, float, float] | None, each: int
+) -> None:
+    """Oracle: closed form: the estimate of a PNG, and bytes for each pixel; a limit below is
+    refused."""
+    monkeypatch.setattr(memory, "resident", lambda: 300 * MIB)
+    png, webp = (
+        replace(PLAN, output=FileName.of(name), background=background)
+        for name in ("a.png", "a.webp")
+    )
+    with Engine(Usd.Stage.CreateInMemory(), device="cpu") as engine:
+        view = engine.view(framing=PLAN.framing)
+        plain, whole = (budget(engine, plan, view, limit=None).estimate for plan in (png, webp))
+        assert whole.total - plain.total == each * 640 * 480
+        assert budget(engine, png, view, limit=plain.total)
+        with pytest.raises(UsageError, match="--memory-limit"):
+            budget(engine, webp, view, limit=301 * MIB)
