@@ -297,7 +297,7 @@ def _no_background(centers: F64, weight: F64, areas: F64) -> Mask:
 
 
 def _seen(centers: F64, axes: F64, depths: F64, owners: I64) -> tuple[Mask, float]:
-    """Return which splats are where a picture is mostly opaque, and the area of a cell of the grid.
+    """Return which splats are where a picture is not transparent, and the area of a cell of the grid.
 
     Args:
         centers: Positions in camera axes, shape (n, 3).
@@ -318,12 +318,12 @@ def _seen(centers: F64, axes: F64, depths: F64, owners: I64) -> tuple[Mask, floa
         middle, half = (low + high) / 2, 0.75 * float((high - low).max()) or 1.0
         cell = 2 * half / CELLS
         places = (centers[:, None, :2] + SPREAD * ends + (half - middle)) * (1 / cell)
-        inside = ((places >= 0) & (places < CELLS)).all(axis=-1)
-        column, row = np.where(inside, places.T.swapaxes(1, 2), 0).astype(np.int32)
-        index, parts = column + CELLS * row, inside * (depths / (len(ends[0]) * cell**2))[:, None]
+        in_grid = ((places >= 0) & (places < CELLS)).all(axis=-1)
+        column, row = np.where(in_grid, places.T.swapaxes(1, 2), 0).astype(np.int32)
+        index, parts = column + CELLS * row, in_grid * (depths / (len(ends[0]) * cell**2))[:, None]
         grid = np.bincount(index.ravel(), parts.ravel(), CELLS * CELLS).reshape(CELLS, CELLS)
         around = _around(grid, np.add) / 9
-        size = np.where(inside[:, 0], _groups(1 - np.exp(-around)).ravel()[index[:, 0]], 0)
+        size = np.where(in_grid[:, 0], _groups(1 - np.exp(-around)).ravel()[index[:, 0]], 0)
         largest = np.zeros(int(owners.max()) + 1)
         np.maximum.at(largest, owners, size)
         kept, area = size >= SMALLEST * largest[owners], cell**2
