@@ -297,7 +297,7 @@ def _no_background(centers: F64, weight: F64, areas: F64) -> Mask:
 
 
 def _seen(centers: F64, axes: F64, depths: F64, owners: I64) -> tuple[Mask, float]:
-    """Return which splats are where a picture is not transparent, and the area of a cell of the grid.
+    """Return which splats are where a picture is not transparent, and the area of a grid cell.
 
     Args:
         centers: Positions in camera axes, shape (n, 3).
