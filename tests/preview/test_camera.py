@@ -249,3 +249,23 @@ def test_a_target_behind_the_eye_is_one_before_it(target: Vector) -> None:
     """Oracle: a person's expectation: an orbit turns about what is seen."""
     free = FreeCamera.like(CameraSpec(), target=target, up_axis="Y", aspect=1.0)
     assert free.target[2] < 0.0
+
+
+@pytest.mark.parametrize(
+    ("up_axis", "side", "out", "up"),
+    [
+        ("Y", "front", (0, 0, 1), (0, 1, 0)),
+        ("Y", "right", (1, 0, 0), (0, 1, 0)),
+        ("Y", "top", (0, 1, 0), (0, 0, -1)),
+        ("Z", "front", (0, -1, 0), (0, 0, 1)),
+        ("Z", "right", (1, 0, 0), (0, 0, 1)),
+        ("Z", "top", (0, 0, 1), (0, 1, 0)),
+    ],
+)
+def test_a_view_from_a_side_keeps_distance_and_target(up_axis, side, out, up):
+    """Oracle: the directions to the eye and up in the picture, as drawings have them."""
+    start = FreeCamera(eye=(3, 1, -4), target=(1, 2, 3), up_axis=up_axis, roll=20.0)
+    camera = start.facing(side)
+    assert camera.target == start.target and camera.distance == pytest.approx(start.distance)
+    assert np.subtract(camera.eye, camera.target) / camera.distance == pytest.approx(out, abs=1e-6)
+    assert camera.axes[1] == pytest.approx(up, abs=1e-5)

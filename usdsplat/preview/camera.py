@@ -20,6 +20,9 @@ from usdsplat.render.subject import Subject, corners
 
 Vector = tuple[float, float, float]
 UpAxis = Literal["Y", "Z"]
+Side = Literal["front", "right", "top"]
+_Z_UP = np.array([[1.0], [1.0], [-1.0]])
+"""Signs of right, up and back of the front view of a stage with z up, whose front is −y."""
 
 ORBIT = math.pi
 """Rotation about the target by a drag over the viewport's height [radian]."""
@@ -86,6 +89,14 @@ class FreeCamera:
         distance = min(max(factor * self.distance, shortest), 1e12)
         back = self.axes[2]
         return replace(self, eye=_vector(np.asarray(self.target) + distance * back))
+
+    def facing(self, side: Side) -> FreeCamera:
+        """Return a level camera that sees the target from a side, at the same distance."""
+        right, up, back = np.eye(3) if self.up_axis == "Y" else np.eye(3)[[0, 2, 1]] * _Z_UP
+        out = {"front": back, "right": right, "top": up}[side]
+        forward, roll = _steep(-out, -back if side == "top" else up, self.up_axis)
+        eye = np.asarray(self.target) - self.distance * forward
+        return replace(self, eye=_vector(eye), roll=roll)
 
     def looked_around(self, right: float, down: float) -> FreeCamera:
         """Return the camera rotated about the eye by a drag, never past the poles."""

@@ -13,7 +13,7 @@ from typing import Any
 
 from usdsplat.core.knobs import checked
 from usdsplat.preview.bookmarks import Bookmark, free_name, without
-from usdsplat.preview.camera import FreeCamera, Glide, UpAxis, Vector
+from usdsplat.preview.camera import FreeCamera, Glide, Side, UpAxis, Vector
 from usdsplat.preview.latest_request import Asks
 from usdsplat.preview.placement import Placement, Placing
 from usdsplat.preview.timeline import Timeline
@@ -213,6 +213,12 @@ class Viewer:
         camera = self.free_camera()
         if camera is not None:
             self._go(camera, camera.aimed(target))
+
+    def face(self, side: Side) -> None:
+        """See the middle of the view from a side."""
+        camera = self.free_camera()
+        if camera is not None:
+            self.use_camera(camera.facing(side))
 
     def use_camera(self, camera: FreeCamera | str | None, *, is_moving: bool = False) -> None:
         """Look through a stage's camera (its path), a free camera, or one that frames all (None).

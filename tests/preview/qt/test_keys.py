@@ -10,7 +10,8 @@ from PySide6.QtWidgets import QApplication
 
 from usdsplat.preview.qt.keys import KEYS, MENUS, help_html
 
-VIEWPORT = {"W", "A", "S", "D", "Q", "E", "R", "X"}
+VIEWPORT = {"A", "S", "D", "X"}
+"""Keys of the viewport alone. W, E, R and Q are tools, and fly while the right button is held."""
 
 
 @pytest.fixture(autouse=True)

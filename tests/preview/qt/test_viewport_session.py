@@ -50,7 +50,9 @@ class Room:
         self.proxy.stage_changed.connect(self.viewer.stage_changed)
         self.proxy.problem.connect(self.problems.append)
         self.viewport.pick_requested.connect(
-            lambda x, y: self.proxy.ask(lambda document: pick(document, x, y), self.picked.append)
+            lambda x, y, _: self.proxy.ask(
+                lambda document: pick(document, x, y), self.picked.append
+            )
         )
         self.viewport.show()
 

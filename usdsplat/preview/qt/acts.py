@@ -67,6 +67,15 @@ def acts_of(window: Acting) -> dict[str, Callable[[], Any]]:
         "redo": lambda: here().redo(),
         "find": lambda: here().tree.box.setFocus(),
         "deselect": lambda: here().context.viewer.select(()),
+        **{
+            f"tool_{mode or 'none'}": partial(lambda mode: here().viewport.set_mode(mode), mode)
+            for mode in (None, "translate", "rotate", "scale")
+        },
+        "leave": lambda: here().leave(),
+        **{
+            side: partial(lambda side: here().context.viewer.face(side), side)
+            for side in ("front", "right", "top")
+        },
         "frame_selected": lambda: here().frame_selected(),
         "frame_all": lambda: here().context.viewer.frame(()),
         "free_camera": lambda: here().free_camera(),

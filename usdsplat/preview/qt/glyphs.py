@@ -174,6 +174,37 @@ def _right(painter: QPainter) -> None:
     painter.drawPolyline([QPointF(6.0, 4.5), QPointF(10.0, 8.0), QPointF(6.0, 11.5)])
 
 
+def _select(painter: QPainter) -> None:
+    path = QPainterPath(QPointF(4.0, 2.0))
+    for x, y in ((12.5, 9.0), (8.6, 9.6), (10.6, 13.6), (8.9, 14.4), (6.9, 10.4), (4.0, 13.0)):
+        path.lineTo(x, y)
+    path.closeSubpath()
+    painter.drawPath(path)
+
+
+def _move(painter: QPainter) -> None:
+    _stroke(painter, 1.4)
+    for angle in (0.0, 0.5 * math.pi, math.pi, 1.5 * math.pi):
+        tip = QPointF(8.0 + 6.0 * math.cos(angle), 8.0 + 6.0 * math.sin(angle))
+        painter.drawLine(QPointF(8.0, 8.0), tip)
+        _arrow_head(painter, tip, angle, 2.6)
+
+
+def _turn(painter: QPainter) -> None:
+    _stroke(painter, 1.4)
+    painter.drawEllipse(QPointF(8.0, 8.0), 5.8, 5.8)
+    painter.drawEllipse(QPointF(8.0, 8.0), 2.2, 5.8)
+
+
+def _scale(painter: QPainter) -> None:
+    color = painter.brush().color()
+    _stroke(painter, 1.4)
+    painter.drawLine(QPointF(5.0, 11.0), QPointF(12.0, 4.0))
+    painter.setBrush(color)
+    painter.drawRect(QRectF(2.6, 9.6, 4.0, 4.0))
+    painter.drawRect(QRectF(10.8, 2.6, 2.6, 2.6))
+
+
 def _splats(painter: QPainter) -> None:
     painter.setBrush(QColor(22, 22, 22))
     painter.drawRoundedRect(QRectF(0.5, 0.5, 15.0, 15.0), 3.5, 3.5)
@@ -212,4 +243,8 @@ _DRAWN: dict[str, Callable[[QPainter], None]] = {
     "tick": _tick,
     "down": _down,
     "right": _right,
+    "none": _select,
+    "translate": _move,
+    "rotate": _turn,
+    "scale": _scale,
 }

@@ -1,10 +1,12 @@
-"""Dialog with all keys and gestures."""
+"""Dialogs with all keys and gestures, and with the version."""
 
 from __future__ import annotations
 
 from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QDialog, QTextBrowser, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QDialog, QMessageBox, QTextBrowser, QVBoxLayout, QWidget
 
+from usdsplat import __version__
+from usdsplat.preview.qt.glyphs import window_icon
 from usdsplat.preview.qt.keys import help_html
 
 
@@ -23,3 +25,14 @@ class HelpDialog(QDialog):
         column = QVBoxLayout(self)
         column.setContentsMargins(14, 6, 6, 6)
         column.addWidget(self.text)
+
+
+def show_about(parent: QWidget) -> None:
+    """Show name, version and licence."""
+    words = (
+        f"<b>usdsplat {__version__}</b><p>Gaussian splats in USD pipelines.</p><p>Apache-2.0</p>"
+    )
+    box = QMessageBox(QMessageBox.Icon.NoIcon, "About usdsplat", words, parent=parent)
+    box.setIconPixmap(window_icon().pixmap(64, 64))
+    box.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+    box.open()

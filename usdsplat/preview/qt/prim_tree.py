@@ -67,11 +67,18 @@ class PrimTree(QWidget):
         context.view_changed.connect(self._follow)
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        if watched is self.box and event.type() == QEvent.Type.KeyPress:
-            is_escape = isinstance(event, QKeyEvent) and event.key() == Qt.Key.Key_Escape
-            if is_escape:
-                self.box.clear()
-            return is_escape
+        is_escape = (
+            watched is self.box
+            and isinstance(event, QKeyEvent)
+            and event.key() == Qt.Key.Key_Escape
+            and bool(self.box.text())  # of an empty search, the window's action leaves
+        )
+        if is_escape and event.type() == QEvent.Type.ShortcutOverride:
+            event.accept()
+            return True
+        if is_escape and event.type() == QEvent.Type.KeyPress:
+            self.box.clear()
+            return True
         return super().eventFilter(watched, event)
 
     # --- private ----------------------------------------------------------------------------

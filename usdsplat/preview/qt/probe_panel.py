@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QColor
@@ -87,11 +88,17 @@ class ProbePanel(QWidget):
 
         self._context.proxy.ask(histogram, answered, lambda error: done())
 
-    def _pick(self, x: float, y: float) -> None:
-        self._context.proxy.ask(lambda document: pick(document, x, y), self._show_picked)
+    def _pick(self, x: float, y: float, adds: bool) -> None:
+        self._context.proxy.ask(
+            lambda document: pick(document, x, y), partial(self._show_picked, adds)
+        )
 
-    def _show_picked(self, found: Picked | None) -> None:
-        self._context.viewer.select((found.path,) if found else ())
+    def _show_picked(self, adds: bool, found: Picked | None) -> None:
+        """Select what was picked; with `adds` beside the others, or no longer if it was."""
+        before = self._context.viewer.state.selected if adds else ()
+        picked = (found.path,) if found else ()
+        kept = tuple(path for path in before if path not in picked)
+        self._context.viewer.select((*kept, *(path for path in picked if path not in before)))
         self.show_picked(found)
 
     def show_pixel(self, found: Probed | None) -> None:

@@ -17,12 +17,13 @@ from PySide6.QtWidgets import (
 )
 
 from usdsplat.images.aovs import AOVS
-from usdsplat.preview.knob_model import NOT_IN_VIEWPORTS, Editor, editors_of, with_value
+from usdsplat.preview.knob_model import Editor, editors_of
 from usdsplat.preview.qt import style
 from usdsplat.preview.qt.knob_panel import KnobPanel
 from usdsplat.preview.qt.knob_widgets import CalmComboBox, TickBox
 from usdsplat.preview.qt.number_field import NumberField
 from usdsplat.preview.qt.panel_context import PanelContext
+from usdsplat.preview.setting_editors import setting_editors, with_setting
 from usdsplat.preview.values import Look, Picture
 
 DEVICES = ("auto", "cpu", "cuda")
@@ -101,7 +102,7 @@ class RenderPanel(QWidget):
         self.has_time.setChecked(look.time is not None)
         self.time.setEnabled(look.time is not None)
         self.time.show_value(look.time)
-        self.settings.show_editors(_grouped(editors_of(look.settings)))
+        self.settings.show_editors(_grouped(setting_editors(look.settings)))
         self.display.show_editors(
             [replace(editor, group="Display") for editor in editors_of(state.display)]
         )
@@ -154,7 +155,7 @@ class RenderPanel(QWidget):
 
     def _set_setting(self, name: str, value: Any, merge: str) -> None:
         self._context.attempt(
-            lambda: self._set_look(settings=with_value(self.look.settings, name, value))
+            lambda: self._set_look(settings=with_setting(self.look.settings, name, value))
         )
         self.follow()
 
@@ -190,7 +191,7 @@ def _line(label: str, *widgets: QWidget) -> QHBoxLayout:
 
 def _grouped(editors: tuple[Editor, ...]) -> list[Editor]:
     """Group render settings, frequently used ones first."""
-    by_name = {editor.name: editor for editor in editors if editor.name not in NOT_IN_VIEWPORTS}
+    by_name = {editor.name: editor for editor in editors}
     found = [
         replace(by_name.pop(name), group=group)
         for group, names in FIRST.items()

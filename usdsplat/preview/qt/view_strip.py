@@ -2,9 +2,19 @@
 
 from __future__ import annotations
 
-from PySide6.QtCore import QSignalBlocker
-from PySide6.QtGui import QResizeEvent
-from PySide6.QtWidgets import QComboBox, QHBoxLayout, QLabel, QMenu, QPushButton, QWidget
+from collections.abc import Sequence
+
+from PySide6.QtCore import QSignalBlocker, Qt
+from PySide6.QtGui import QAction, QResizeEvent
+from PySide6.QtWidgets import (
+    QComboBox,
+    QHBoxLayout,
+    QLabel,
+    QMenu,
+    QPushButton,
+    QToolButton,
+    QWidget,
+)
 
 from usdsplat.images.aovs import AOVS
 from usdsplat.preview.camera import FreeCamera
@@ -44,7 +54,7 @@ class ViewStrip(QWidget):
         self.exposure.refused.connect(context.complain)
         marks = QPushButton("Bookmarks")
         marks.setMenu(bookmarks)
-        line = QHBoxLayout(self)
+        self._line = line = QHBoxLayout(self)
         line.setContentsMargins(8, 4, 8, 4)
         line.setSpacing(6)
         labels = []
@@ -78,6 +88,16 @@ class ViewStrip(QWidget):
             if line is None or line.minimumSize().width() <= self.width():
                 break
             each.hide()
+
+    def show_tools(self, actions: Sequence[QAction]) -> None:
+        """Show buttons of the window's actions at the left."""
+        for place, action in enumerate(actions):
+            button = QToolButton()
+            button.setDefaultAction(action)
+            button.setToolTip(f"{action.text()} ({action.shortcut().toString()})")
+            button.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+            self._line.insertWidget(place, button)
+        self._line.insertSpacing(len(actions), style.GAP)
 
     def follow(self) -> None:
         """Show the current state."""

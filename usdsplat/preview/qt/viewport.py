@@ -66,8 +66,8 @@ class Viewport(QWidget):
         parent: Qt parent.
     """
 
-    pick_requested = Signal(float, float)
-    """A click, in pixels of the viewport."""
+    pick_requested = Signal(float, float, bool)
+    """A click, in pixels of the viewport; whether it adds to the selection."""
     focus_requested = Signal(float, float)
     """A double click."""
     probe_moved = Signal(float, float)
@@ -299,6 +299,7 @@ class Viewport(QWidget):
         is_plain = not event.modifiers() & (
             Qt.KeyboardModifier.AltModifier | Qt.KeyboardModifier.MetaModifier
         )
+        adds = bool(event.modifiers() & Qt.KeyboardModifier.ShiftModifier)
         if event.button() != Qt.MouseButton.LeftButton or not is_plain:
             return NavigatingHold(gesture, pixel, self._moves, self.viewer)
         if self._is_on_wipe(pixel):
@@ -313,7 +314,7 @@ class Viewport(QWidget):
             self._moves,
             self.viewer,
             slack=CLICK * ratio,
-            clicked=lambda: self.pick_requested.emit(*pixel),
+            clicked=lambda: self.pick_requested.emit(*pixel, adds),
         )
 
     def _handle_at(self, pixel: Pixel) -> Handle | None:

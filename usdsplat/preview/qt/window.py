@@ -14,11 +14,10 @@ from PySide6.QtWidgets import (
     QFileDialog,
     QLabel,
     QMainWindow,
-    QMessageBox,
     QStackedWidget,
 )
 
-from usdsplat import __version__, formats
+from usdsplat import formats
 from usdsplat.core.axes import flipped
 from usdsplat.interchange.files import SUFFIXES
 from usdsplat.preview.document import Document
@@ -26,8 +25,8 @@ from usdsplat.preview.opening import open_document
 from usdsplat.preview.qt import remembered, style
 from usdsplat.preview.qt.acts import acts_of
 from usdsplat.preview.qt.empty_page import EmptyPage
-from usdsplat.preview.qt.glyphs import window_icon
-from usdsplat.preview.qt.help_dialog import HelpDialog
+from usdsplat.preview.qt.glyphs import glyph, window_icon
+from usdsplat.preview.qt.help_dialog import HelpDialog, show_about
 from usdsplat.preview.qt.keys import KEYS, MENUS, Key
 from usdsplat.preview.qt.leaving import ask_to_leave, losses
 from usdsplat.preview.qt.message_bar import MessageBar, over
@@ -41,6 +40,7 @@ from usdsplat.preview.values import Busy, Opened, Problem
 Opener = Callable[..., Document]
 """Opens a document in the session's thread; called with `publish`."""
 
+TOOLS = ("tool_none", "tool_translate", "tool_rotate", "tool_scale")
 PURPOSES = ("render", "proxy", "guide")
 ALWAYS = ("open", "new", "close", "quit", "help", "about")
 """Actions that need no stage."""
@@ -161,6 +161,8 @@ class Window(QMainWindow):
         self.saving = Saving(workspace.context, said=self._say_briefly, window=self)
         workspace.device_chosen.connect(self._use_device)
         workspace.simulation.first.made.connect(self.open)
+        workspace.viewport.manipulator_changed.connect(self._follow)
+        workspace.strip.show_tools([self.actions_by_name[name] for name in TOOLS])
         workspace.context.history_changed.connect(self._show_history)
         workspace.context.view_changed.connect(self._follow)
         workspace.context.proxy.picture.connect(
@@ -232,14 +234,7 @@ class Window(QMainWindow):
 
     def about(self) -> None:
         """Show the about dialog."""
-        words = (
-            f"<b>usdsplat {__version__}</b>"
-            "<p>Gaussian splats in USD pipelines.</p><p>Apache-2.0</p>"
-        )
-        box = QMessageBox(QMessageBox.Icon.NoIcon, "About usdsplat", words, parent=self)
-        box.setIconPixmap(window_icon().pixmap(64, 64))
-        box.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
-        box.open()
+        show_about(self)
 
     # --- Qt's -------------------------------------------------------------------------------
 
@@ -303,6 +298,8 @@ class Window(QMainWindow):
         if key.place == "viewport":
             action.setShortcutContext(Qt.ShortcutContext.WidgetWithChildrenShortcut)
         action.triggered.connect(lambda is_on=False: act())
+        if key.name in TOOLS:
+            action.setIcon(glyph(key.name.removeprefix("tool_")))
         return action
 
     def _fill_cameras(self) -> None:
@@ -339,6 +336,9 @@ class Window(QMainWindow):
         state = self.workspace.context.viewer.state
         self.actions_by_name["compare"].setChecked(state.other is not None)
         self.actions_by_name["hud"].setChecked(self.workspace.shows_hud)
+        for name in TOOLS:
+            mode = self.workspace.viewport.mode or "none"
+            self.actions_by_name[name].setChecked(name == f"tool_{mode}")
         for purpose, action in self._purposes.items():
             action.setChecked(purpose in state.purposes)
         self._path_note.setText(self.workspace.context.selected)

@@ -125,6 +125,12 @@ class Workspace(QWidget):
         place = names.index(self.context.viewer.state.look.aov)
         self.context.viewer.set_look(aov=names[(place + by) % len(names)])
 
+    def leave(self) -> None:
+        """Go back to the viewport from anywhere else; there, clear the selection."""
+        if self.viewport.hasFocus():
+            self.context.viewer.select(())
+        self.viewport.setFocus()
+
     def undo(self) -> None:
         """Undo the last edit."""
         self.context.edit(Edits.undo)

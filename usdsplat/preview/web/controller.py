@@ -16,9 +16,10 @@ from usdsplat.images.aovs import AOVS
 from usdsplat.preview import opening
 from usdsplat.preview.camera import FreeCamera
 from usdsplat.preview.document import Document
-from usdsplat.preview.knob_model import NOT_IN_VIEWPORTS, editors_of, with_value
+from usdsplat.preview.knob_model import editors_of, with_value
 from usdsplat.preview.picking import Picked, pick
 from usdsplat.preview.session import Session
+from usdsplat.preview.setting_editors import setting_editors, with_setting
 from usdsplat.preview.stage_model import parameters
 from usdsplat.preview.values import (
     Busy,
@@ -142,7 +143,7 @@ class WebController:
             case m.SetAov(name=name):
                 self._set_aov(name)
             case m.SetSetting(name=name, value=value):
-                settings = with_value(viewer.state.look.settings, name, value)
+                settings = with_setting(viewer.state.look.settings, name, value)
                 _check_names_no_file(settings)
                 viewer.set_look(settings=settings)
             case m.SetDisplay(name=name, value=value):
@@ -309,8 +310,8 @@ class WebController:
         settings = (state.look.settings, state.display)
         if settings != self._settings_told:
             self._settings_told = settings
-            render = [each for each in editors_of(settings[0]) if each.name not in NOT_IN_VIEWPORTS]
-            self._tell("settings", {"render": as_json(render), "display": _editors(settings[1])})
+            render = as_json(setting_editors(settings[0]))
+            self._tell("settings", {"render": render, "display": _editors(settings[1])})
         self._start_clock()
 
     def _start_clock(self) -> None:

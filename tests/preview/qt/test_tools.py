@@ -1,0 +1,136 @@
+"""Tests of tools, fixed views, selection and OCIO menus in a window, with mouse and key events."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from PySide6.QtCore import QPoint, Qt
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QToolButton
+
+from tests.preview.qt.conftest import wait_until
+from tests.preview.qt.windows import LEFT, image, press, settled
+from usdsplat.preview.qt.window import TOOLS, Window
+from usdsplat.preview.qt.workspace import Workspace
+from usdsplat.render.settings import RenderSettings
+
+MODES = {"Q": None, "W": "translate", "E": "rotate", "R": "scale"}
+
+
+@pytest.mark.parametrize("place", ["viewport", "tree", "panel"])
+def test_the_keys_of_tools_work_wherever_the_focus_is(
+    window: Window, workspace: Workspace, place: str
+) -> None:
+    """Oracle: the table of keys; a tree's type-ahead would take letters for names."""
+    widgets = {
+        "viewport": workspace.viewport,
+        "tree": workspace.tree.view,
+        "panel": workspace.render_panel.aov,
+    }
+    settled(workspace)
+    for key, mode in MODES.items():
+        widgets[place].setFocus()
+        QTest.keyClick(widgets[place], getattr(Qt.Key, f"Key_{key}"))
+        wait_until(lambda mode=mode: workspace.viewport.mode == mode)
+        checked = [name for name in TOOLS if window.actions_by_name[name].isChecked()]
+        assert checked == [f"tool_{mode or 'none'}"]
+
+
+def test_letters_in_a_text_field_stay_there(window: Window, workspace: Workspace) -> None:
+    """Oracle: a person's expectation."""
+    settled(workspace)
+    mode = workspace.viewport.mode
+    QTest.mouseClick(workspace.tree.box, LEFT)
+    QTest.keyClicks(workspace.tree.box, "were")
+    assert workspace.tree.box.text() == "were" and workspace.viewport.mode == mode
+
+
+def test_the_tool_bar_has_a_button_for_each_tool(window: Window, workspace: Workspace) -> None:
+    """Oracle: the manipulator's mode after a click."""
+    buttons = workspace.strip.findChildren(QToolButton)[: len(TOOLS)]
+    for button, mode in zip(buttons, MODES.values(), strict=True):
+        QTest.mouseClick(button, LEFT)
+        assert workspace.viewport.mode == mode and button.isChecked()
+
+
+def test_escape_goes_back_to_the_viewport_and_then_clears_the_selection(
+    window: Window, workspace: Workspace
+) -> None:
+    """Oracle: the focus, then the selection."""
+    settled(workspace)
+    workspace.context.viewer.select(("/World/A",))
+    QTest.mouseClick(workspace.tree.box, LEFT)
+    press(window, "Escape")
+    wait_until(workspace.viewport.hasFocus)
+    assert workspace.context.viewer.state.selected == ("/World/A",)
+    press(window, "Escape")
+    wait_until(lambda: workspace.context.viewer.state.selected == ())
+
+
+@pytest.mark.parametrize(("key", "out"), [("1", (0, 0, 1)), ("3", (1, 0, 0)), ("7", (0, 1, 0))])
+def test_numbers_are_views_from_the_sides(workspace: Workspace, key: str, out: tuple) -> None:
+    """Oracle: the direction from the target to the eye on a stage with y up."""
+    before = settled(workspace)
+    QTest.keyClick(workspace.viewport, Qt.Key(ord(key)))
+    wait_until(lambda: workspace.context.viewer.state.camera is not None)
+    camera = workspace.context.viewer.free_camera()
+    assert camera is not None
+    direction = np.subtract(camera.eye, camera.target) / camera.distance
+    assert direction == pytest.approx(out, abs=1e-5)
+    assert settled(workspace).number > before.number
+
+
+def test_a_click_with_shift_adds_to_the_selection_and_takes_out(workspace: Workspace) -> None:
+    """Oracle: what a click alone selects at the same places."""
+    picture = settled(workspace)
+    workspace.viewport.set_mode(None)  # its handles would take clicks
+    height, width = picture.image.shape[:2]
+    viewer = workspace.context.viewer
+    found: dict[str, QPoint] = {}
+    ratio = workspace.viewport.devicePixelRatioF()
+    rows = np.linspace(0.2, 0.8, 7)
+    for x in np.linspace(0.1, 0.9, 17):
+        for y in rows:
+            point = QPoint(int(x * width / ratio), int(y * height / ratio))
+            viewer.select(())
+            QTest.mouseClick(workspace.viewport, LEFT, pos=point)
+            done: list[object] = []
+            workspace.proxy.ask(lambda document: None, done.append)
+            wait_until(lambda done=done: done)
+            for path in viewer.state.selected:
+                found.setdefault(path, point)
+        if len(found) > 1:
+            break
+    (one, here), (two, there) = list(found.items())[:2]
+    shift = Qt.KeyboardModifier.ShiftModifier
+    viewer.select(())
+    QTest.mouseClick(workspace.viewport, LEFT, pos=here)
+    wait_until(lambda: viewer.state.selected == (one,))
+    QTest.mouseClick(workspace.viewport, LEFT, shift, pos=there)
+    wait_until(lambda: viewer.state.selected == (one, two))
+    QTest.mouseClick(workspace.viewport, LEFT, shift, pos=here)
+    wait_until(lambda: viewer.state.selected == (two,))
+
+
+def test_a_view_is_chosen_from_a_menu_and_is_seen(workspace: Workspace) -> None:
+    """Oracle: the names that OpenImageIO reads from the config; the picture changes."""
+    import OpenImageIO as oiio
+
+    panel = workspace.render_panel
+    before = image(workspace)
+    known = oiio.ColorConfig("ocio://cg-config-latest")
+    panel._set_setting("ocio_config", "ocio://cg-config-latest", "")
+    row = panel.settings.row("ocio_view")
+    first = known.getDisplayNames()[0]
+    box = row.widget._box
+    offered = [box.itemText(index) for index in range(1, box.count())]
+    assert offered == list(known.getViewNames(first))
+    index = next(i for i, name in enumerate(offered, 1) if "ACES" in name)
+    box.activated.emit(index)
+    settings = workspace.context.viewer.state.look.settings
+    assert (settings.ocio_view, settings.color_mode) == (offered[index - 1], "scene")
+    wait_until(lambda: not np.array_equal(image(workspace), before))
+    panel.settings.row("ocio_view").widget._box.activated.emit(0)
+    panel._set_setting("ocio_config", "", "")
+    assert workspace.context.viewer.state.look.settings == RenderSettings()
+    wait_until(lambda: np.array_equal(image(workspace), before))
