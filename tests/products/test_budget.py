@@ -12,6 +12,7 @@ from tests.cli.conftest import ball
 from tests.trees import little_tree
 from usdsplat.core.errors import UsageError
 from usdsplat.delegate.engine import Engine
+from usdsplat.images.frame_numbers import FileName
 from usdsplat.products.budget import budget, with_node_memory
 from usdsplat.products.drawing import draw_frames
 from usdsplat.products.planning import plan_pictures
@@ -101,3 +102,23 @@ def test_a_tile_counts_in_the_limit(tmp_path: Path) -> None:
         assert budget(engine, deep, view, limit=None, is_tile=True).estimate.kept > 0
         with pytest.raises(UsageError, match="--memory-limit"):
             budget(engine, plan, view, limit=tile.estimate.kept, is_tile=True)
+
+
+@pytest.mark.parametrize(("background", "each"), [((0.0, 0.0, 0.0), 12), (None, 40)])
+def test_the_encoder_of_a_webp_needs_memory_for_the_whole_picture(
+    monkeypatch: pytest.MonkeyPatch, background: tuple[float, float, float] | None, each: int
+) -> None:
+    """Oracle: closed form: the estimate of a PNG, and bytes for each pixel; a limit below is
+    refused."""
+    monkeypatch.setattr(memory, "resident", lambda: 300 * MIB)
+    png, webp = (
+        replace(PLAN, output=FileName.of(name), background=background)
+        for name in ("a.png", "a.webp")
+    )
+    with Engine(Usd.Stage.CreateInMemory(), device="cpu") as engine:
+        view = engine.view(framing=PLAN.framing)
+        plain, whole = (budget(engine, plan, view, limit=None).estimate for plan in (png, webp))
+        assert whole.total - plain.total == each * 640 * 480
+        assert budget(engine, png, view, limit=plain.total)
+        with pytest.raises(UsageError, match="--memory-limit"):
+            budget(engine, webp, view, limit=301 * MIB)

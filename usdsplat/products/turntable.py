@@ -10,11 +10,12 @@ import numpy as np
 from pxr import Gf, Kind, Sdf, Usd, UsdGeom, UsdRender
 
 from usdsplat.core.cloud import F64
-from usdsplat.delegate.default_camera import MARGIN, NEAREST
+from usdsplat.delegate.default_camera import NEAREST
 from usdsplat.delegate.engine import Engine
 from usdsplat.interchange.files import open_stage
 from usdsplat.render.scene import RenderScene, matrix
 from usdsplat.render.specs import CameraSpec
+from usdsplat.schema.tokens import SETTINGS_API
 from usdsplat.schema.usd_files import export_layer
 
 FOCAL_LENGTH = 50.0
@@ -24,6 +25,8 @@ CAMERA = "/World/Turntable/Camera"
 STILL = (1920, 1080)
 MOVING = (640, 360)
 """Resolutions of the products [pixel]."""
+MARGIN = 1.05
+"""Factor on the distance at which the subject just fits."""
 TIPS = 0.25
 """Distance beyond its bounds that still belongs to the subject, as a fraction of its size."""
 POINTS, TURNS = 5000, 24
@@ -146,6 +149,12 @@ def _author_settings(stage: Usd.Stage) -> None:
     settings = UsdRender.Settings.Define(stage, "/Render/Settings")
     settings.GetCameraRel().SetTargets([CAMERA])
     settings.GetResolutionAttr().Set(Gf.Vec2i(*STILL))
+    settings.GetPrim().AddAppliedSchema(SETTINGS_API)
+    background = settings.GetPrim().CreateAttribute(
+        "splat:background", Sdf.ValueTypeNames.String, custom=False,
+        variability=Sdf.VariabilityUniform,
+    )  # fmt: skip
+    background.Set("grey")  # of the pictures for displays, which people look at first
     stage.SetMetadata("renderSettingsPrimPath", str(settings.GetPath()))
     for name, (resolution, sources) in _PRODUCTS.items():
         product = UsdRender.Product.Define(stage, f"/Render/{name}")
