@@ -127,7 +127,8 @@ def test_a_sequence_is_one_file_a_frame(run, run_json, shot, tmp_path, pictured)
 
 def test_a_capture_is_framed_by_a_camera_of_its_own(run_json, capture, tmp_path):
     """Oracle: the ball is whole: it touches no edge of the picture, and fills a good part."""
-    (item,) = run_json("render", capture, "-o", tmp_path / "a.png", *SMALL)["pictures"]
+    words = ("-o", tmp_path / "a.png", "--background", "transparent", *SMALL)
+    (item,) = run_json("render", capture, *words)["pictures"]
     assert item["camera"] is None
     alpha = read(item["path"])[..., 3]
     edges = (alpha[0], alpha[-1], alpha[:, 0], alpha[:, -1])
@@ -317,7 +318,7 @@ def test_both_parts_say_what_ids_stand_for_and_where_the_camera_is(run, shot, tm
     ("argv", "sentence"),
     [
         ([], "render: found no output file, expected -o FILE"),
-        (["-o", "a.jpg"], "a.jpg: found suffix '.jpg', expected one of .exr, .png"),
+        (["-o", "a.gif"], "a.gif: found suffix '.gif', expected one of .exr, .png, .jpg"),
         (["-o", "a.png", "--aovs", "color,Z"], "a.png: found AOVs color, Z, expected color"),
         (["-o", "a.png", "--float"], "a.png: found float pixels, expected uint8 or uint16"),
         (["-o", "a.png", "--color-mode", "x"], "--color-mode: found 'x', expected one of"),

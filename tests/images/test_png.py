@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from usdsplat.core.errors import UsageError
+from usdsplat.images.display_writer import quantized
 from usdsplat.images.layout import ImageLayout
-from usdsplat.images.png import PngWriter, is_whole_png, quantized
+from usdsplat.images.png import PngWriter, is_whole_png
 
 Image = pytest.importorskip("PIL.Image")
 

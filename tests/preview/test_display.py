@@ -11,7 +11,7 @@ import pytest
 from usdsplat.core.errors import UsageError
 from usdsplat.images.aovs import AOVS
 from usdsplat.images.cryptomatte import hash_bits
-from usdsplat.images.png import quantized
+from usdsplat.images.display_writer import quantized
 from usdsplat.images.view import open_view
 from usdsplat.kernels.devices import open_device
 from usdsplat.preview.display import Display, needed

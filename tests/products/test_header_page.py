@@ -21,7 +21,7 @@ OF_THE_FORMAT = {
 """Attributes that OpenEXR requires, which describe the file."""
 LENS = {"pinholeFocalLength", "sensorOverallDimensions", "aperture", "focus"}
 VIEW = {"usdsplat:view", "usdsplat:ocioConfig"}
-SPECIAL = {"usdsplat:shown:NAME"}
+SPECIAL = {"usdsplat:shown:NAME", "usdsplat:background"}
 EXTRA = ("--aovs", "color,Z,id,cryptoObject")
 
 

@@ -1,8 +1,10 @@
-"""Render a stage or a capture to EXR or PNG.
+"""Render a stage or a capture to EXR, PNG, JPEG or WebP.
 
 examples:
   usdsplat render scan.ply -o scan.png
-      a capture as splat viewers show it, with a camera that frames it
+      a capture as splat viewers show it, over grey, with a camera that frames it
+  usdsplat render scan.ply -o scan.webp --background transparent
+      the same with alpha; a colour such as black, '#20242a' or 1,1,1 is put behind the picture
   usdsplat render shot.usd -o shot.####.exr --frames 1001-1024 --camera /World/Cam
       linear half EXRs for compositing, one per frame
   usdsplat render shot.usd -o shot.exr --aovs color,Z,id,splatId --float
@@ -24,7 +26,9 @@ examples:
   usdsplat render shot.usd -o a.png --variant /World/Tree:season=autumn --mute proxy
 
 notes:
-  PNG is display-referred sRGB; EXR is scene-linear Rec.709 unless --color-mode says otherwise.
+  PNG, JPEG and WebP are display-referred sRGB; EXR is scene-linear Rec.709 unless --color-mode
+  says otherwise. --background is composited in code values of the display. Pictures of a stage
+  are transparent by default, those of a capture by itself are not; EXRs always keep their alpha.
   Flags override the values of the stage's UsdRender prims.
   Without --frames, a name with #### gets the stage's whole range, any other name its first frame.
   So does a productName whose time samples differ. A shell needs quotes around '$F4' and '<F4>',
@@ -213,6 +217,7 @@ def _planned(
 def _request(options: Options) -> RenderRequest:
     """Return the request that the flags describe."""
     from usdsplat.images.user_metadata import parse_entry
+    from usdsplat.interchange.files import capture_files
     from usdsplat.products.request import RenderRequest
 
     framing, file = options.framing, options.file
@@ -234,6 +239,7 @@ def _request(options: Options) -> RenderRequest:
         deep=file.deep,
         compare=not file.no_compare,
         bake_view=file.bake_view,
+        is_capture=bool(capture_files(options.stage)),
         settings={name: value for each in flags for name, value in given(each).items()},
         metadata=dict(parse_entry("--metadata", text) for text in file.metadata),
         settings_prim=options.settings,

@@ -82,7 +82,7 @@ class FileOptions(FileFlags):
     float_: Annotated[bool, option(name="float")] = False
     """EXR colour in full precision"""
     bake_view: Annotated[bool, option()] = False
-    """apply the view transform to the file; PNGs always have it"""
+    """apply the view transform to an EXR; other files always have it"""
     deep: Annotated[bool, option()] = False
     """write a deep EXR, with every contribution to a pixel; it can have the AOVs color, Z, ids and
     cryptoObject"""
@@ -104,8 +104,8 @@ class Options:
     stage: Annotated[Path, positional("STAGE")]
     """stage or capture to render"""
     output: Annotated[str | None, option("FILE", short="-o")] = None
-    """file to write, .exr or .png, with ####, %04d, $F4 or <F4> for the frame; missing folders are
-    made; default: the products' names"""
+    """file to write, .exr, .png, .jpg or .webp, with ####, %04d, $F4 or <F4> for the frame; missing
+    folders are made; default: the products' names"""
     frames: Annotated[str | None, option("RANGE")] = None
     """frames such as 7, 1-10, 1:10x2 or 1,5,8-12, or stage for its range; default: see the notes"""
     aovs: Annotated[str | None, option("NAMES", text=AOV_HELP)] = None

@@ -13,7 +13,9 @@ if TYPE_CHECKING:
 
 ColorMode = Literal["display", "scene"]
 
-COLOR_MODES: dict[str, ColorMode] = {".exr": "scene", ".png": "display"}
+COLOR_MODES: dict[str, ColorMode] = {
+    ".exr": "scene", ".png": "display", ".jpg": "display", ".jpeg": "display", ".webp": "display",
+}  # fmt: skip
 """Suffix -> default colour mode of pictures in this format."""
 
 
@@ -25,17 +27,26 @@ def open_writer(path: Path | str, layout: ImageLayout) -> ImageWriter:
         UsageError: If the format cannot hold the layout.
     """
     # OpenImageIO is imported only when a file is written, not to look up a colour space.
-    if _suffix(path) == ".exr":
+    suffix = _suffix(path)
+    if suffix == ".exr":
         from usdsplat.images.exr import ExrWriter
 
         return ExrWriter(path, layout)
+    if suffix in (".jpg", ".jpeg"):
+        from usdsplat.images.jpeg import JpegWriter
+
+        return JpegWriter(path, layout)
+    if suffix == ".webp":
+        from usdsplat.images.webp_writer import WebpWriter
+
+        return WebpWriter(path, layout)
     from usdsplat.images.png import PngWriter
 
     return PngWriter(path, layout)
 
 
 def default_color_mode(path: Path | str) -> ColorMode:
-    """Return the colour mode for a picture of this suffix: EXR is scene, PNG is display.
+    """Return the colour mode for a picture of this suffix: EXR is scene, others are display.
 
     Raises:
         UnknownFormatError: If no writer has this suffix.

@@ -115,6 +115,11 @@ def is_reproducible() -> bool:
     return source_date() is not None
 
 
+def as_json(metadata: Metadata) -> str:
+    """Return header entries as one JSON text; rates and time codes are strings in it."""
+    return json.dumps(dict(metadata), default=str)
+
+
 def as_text(metadata: Metadata) -> dict[str, str]:
     """Return header entries for a format that holds text only: numbers and tuples as JSON."""
     return {

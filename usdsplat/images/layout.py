@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from usdsplat.images import cryptomatte
 from usdsplat.images.aovs import AOVS
+from usdsplat.images.background import Background
 from usdsplat.images.timecode import Timecode
 
 PixelType = Literal["half", "float", "uint8", "uint16"]
@@ -36,7 +37,7 @@ class ImageLayout:
     aovs: tuple[str, ...] = ("color",)
     """Names in `aovs.AOVS`."""
     pixel_type: PixelType | None = None
-    """Type of colour channels; None is the format's default: half in EXR, uint8 in PNG."""
+    """Type of colour channels; None is the format's default: half in EXR, else uint8."""
     pixel_types: Mapping[str, PixelType] = field(default_factory=dict)
     """AOV, or "alpha" -> type in an EXR that differs: that of alpha from colour's, that of data
     from float. Ids and Cryptomatte keep theirs."""
@@ -52,6 +53,10 @@ class ImageLayout:
     """Depth of empty pixels in an EXR [scene unit]; arrays have inf there."""
     crypto_rank: int = cryptomatte.RANK
     """Number of pairs of id and coverage in each layer of Cryptomatte."""
+    background: Background | None = None
+    """Colour behind a picture for displays, which makes it opaque; an EXR has none."""
+    quality: int = 95
+    """Quality of a JPEG or WebP, 1 to 100."""
     metadata: Metadata = field(default_factory=dict)
     """Further header entries."""
 

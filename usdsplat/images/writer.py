@@ -14,7 +14,7 @@ import numpy.typing as npt
 import OpenImageIO as oiio
 
 from usdsplat.core.errors import OutputError
-from usdsplat.core.output import output_file
+from usdsplat.core.output import OutputFile, output_file
 from usdsplat.core.renames import EXPECTED
 from usdsplat.images.layout import Band, ImageLayout
 
@@ -43,13 +43,7 @@ class ImageWriter(ABC):
     def __enter__(self) -> Self:
         with ExitStack() as stack:
             output = stack.enter_context(output_file(self._path, is_whole=self._is_whole))
-            self._temporary = output.text
-            file = oiio.ImageOutput.create(self.FORMAT)
-            if file is None:
-                raise OutputError(str(self._path), oiio.geterror(), f"support for {self.FORMAT}")
-            self._file = file
-            stack.callback(file.close)
-            self._check(self._file.open(self._temporary, self._specs))
+            self._begin(output, stack)
             self._stack = stack.pop_all()
         return self
 
@@ -68,7 +62,7 @@ class ImageWriter(ABC):
             if self._next_row != bottom:
                 raise ValueError(f"{self._path}: found rows to {self._next_row}, expected {bottom}")
             self._finish()
-            self._check(self._file.close())
+            self._end()
 
     def write_band(self, y0: int, band: Band) -> None:
         """Append whole rows.
@@ -89,6 +83,20 @@ class ImageWriter(ABC):
             part = slice(first, first + ROWS)
             self._append(y0 + first, {name: band[name][part] for name in self._layout.aovs})
         self._next_row += rows
+
+    def _begin(self, output: OutputFile, stack: ExitStack) -> None:
+        """Open the temporary file; `stack` closes it after an error."""
+        self._temporary = output.text
+        file = oiio.ImageOutput.create(self.FORMAT)
+        if file is None:
+            raise OutputError(str(self._path), oiio.geterror(), f"support for {self.FORMAT}")
+        self._file = file
+        stack.callback(file.close)
+        self._check(self._file.open(self._temporary, self._specs))
+
+    def _end(self) -> None:
+        """Close the finished file."""
+        self._check(self._file.close())
 
     @abstractmethod
     def _append(self, y0: int, band: Band) -> None:

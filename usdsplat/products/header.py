@@ -15,6 +15,7 @@ from usdsplat.core.text import shown
 from usdsplat.delegate.engine import Engine
 from usdsplat.delegate.stage_info import StageInfo
 from usdsplat.images import cryptomatte
+from usdsplat.images.background import described
 from usdsplat.images.camera import camera_metadata, lens_metadata
 from usdsplat.images.labels import (
     origin_metadata,
@@ -74,6 +75,8 @@ def layout_of(plan: PicturePlan) -> ImageLayout:
         compression=plan.settings.compression,
         tile_size=0 if plan.deep else plan.settings.tile_size,
         crypto_rank=plan.settings.crypto_rank,
+        background=plan.background,
+        quality=plan.settings.jpeg_quality,
     )
 
 
@@ -136,6 +139,7 @@ def picture_header(engine: Engine, plan: PicturePlan, view: View, *, origin: Ori
             exposure=view.camera.exposure,
         ),
         "usdsplat:camera": view.camera.path or origin.camera,
+        **({"usdsplat:background": described(plan.background)} if plan.background else {}),
         **_drawing(engine, plan),
         **{f"usdsplat:shown:{name}": value for name, value in origin.shown.items()},
         **dict(plan.metadata),

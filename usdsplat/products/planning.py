@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from usdsplat.delegate.engine import PURPOSES, Engine
 from usdsplat.delegate.product import ProductSpec
 from usdsplat.images import COLOR_MODES, default_color_mode, open_writer
 from usdsplat.images.aovs import find_aovs
+from usdsplat.images.background import AUTO, TRANSPARENT, Background, parse_background
 from usdsplat.images.compression import DEEP_COMPRESSIONS
 from usdsplat.images.deep_aovs import ALWAYS, DEEP_AOVS
 from usdsplat.images.frame_numbers import FileName, frame_path
@@ -59,6 +61,7 @@ def plan_pictures(engine: Engine, request: RenderRequest) -> tuple[PicturePlan, 
         products = products[:1]
     pictures = tuple(plan_product(engine, request, product) for product in products)
     pictures = pictures or (plan_default(engine, request, camera),)
+    _check_background(request, pictures)
     if any(picture.deep for picture in pictures):
         return pictures
     first = pictures[0]
@@ -100,9 +103,9 @@ def _finished(
     findings = spec.findings
     suited = default_color_mode(frame_path(output, 0))
     names = tuple(aov.name for aov in find_aovs(request.aovs or spec.aovs, where=f"{where} AOVs"))
-    is_png = suited == COLOR_MODES[".png"]
-    if is_png and not request.aovs and "color" in names and len(names) > 1:
-        found = f"{', '.join(aov for aov in names if aov != 'color')} in a PNG"
+    for_display = suited == "display"
+    if for_display and not request.aovs and "color" in names and len(names) > 1:
+        found = f"{', '.join(aov for aov in names if aov != 'color')} in a {_kind(output)}"
         findings = (*findings, finding("png-aovs", where, found, "only color"))
         names = ("color",)
     if deep:
@@ -122,11 +125,11 @@ def _finished(
         settings, lacking = _with_deep_compression(settings, where)
         findings = (*findings, *lacking)
     if deep or settings.color_mode == "auto":
-        through_view = is_png and (request.bake_view or _names_view(settings))
+        through_view = for_display and (request.bake_view or _names_view(settings))
         settings = replace(settings, color_mode="scene" if deep or through_view else suited)
-    is_baked = settings.color_mode != "display" and (is_png or request.bake_view)
+    is_baked = settings.color_mode != "display" and (for_display or request.bake_view)
     if not deep:  # `without_effect` names the view of a deep picture
-        settings, unused = _with_config(settings, where, is_baked=is_baked, is_png=is_png)
+        settings, unused = _with_config(settings, where, is_baked=is_baked, for_display=for_display)
         findings = (*findings, *unused)
     _check_view(settings, is_from_variable=settings.ocio_config != spec.settings.ocio_config)
     start_offset(settings, engine.stage_info())  # raises an error if the time code does not exist
@@ -139,7 +142,7 @@ def _finished(
         settings=settings,
         aovs=names,
         purposes=request.purposes or spec.purposes,
-        pixel_type=request.pixel_type or _pixel_type(spec, settings, is_png=is_png),
+        pixel_type=request.pixel_type or _pixel_type(spec, settings, _kind(output)),
         pixel_types=_pixel_types(request, spec),
         matte=(*spec.matte, *((path, True) for path in request.matte)),
         catchers=tuple((path, True) for path in request.catchers),
@@ -147,6 +150,7 @@ def _finished(
         deep=deep,
         compare=request.compare,
         is_baked=is_baked,
+        background=_background(request, settings, _kind(output)),
         metadata=tuple({**dict(spec.metadata), **request.metadata}.items()),
         findings=findings,
     )
@@ -167,7 +171,7 @@ def _names_view(settings: RenderSettings) -> bool:
 
 
 def _with_config(
-    settings: RenderSettings, where: str, *, is_baked: bool, is_png: bool
+    settings: RenderSettings, where: str, *, is_baked: bool, for_display: bool
 ) -> tuple[RenderSettings, tuple[Finding, ...]]:
     """Apply $OCIO, which names the config of a picture that is drawn through a view.
 
@@ -188,7 +192,7 @@ def _with_config(
     if any(names) or is_baked or settings.color_mode == "inverseView":
         return replace(settings, ocio_config=config), ()
     unused = finding("unused-config", "$OCIO", config, f"a view for {where}: --view NAME")
-    return settings, (unused,) if is_png or settings.color_mode == "display" else ()
+    return settings, (unused,) if for_display or settings.color_mode == "display" else ()
 
 
 def _with_deep_compression(
@@ -213,11 +217,43 @@ def _check_view(settings: RenderSettings, *, is_from_variable: bool) -> None:
         raise
 
 
-def _pixel_type(spec: ProductSpec, settings: RenderSettings, *, is_png: bool) -> PixelType | None:
+def _kind(output: str) -> str:
+    """Return the name of a format: PNG, JPEG, WebP or EXR."""
+    suffix = Path(output).suffix.lower()
+    return {".jpg": "JPEG", ".jpeg": "JPEG", ".webp": "WebP"}.get(suffix, suffix[1:].upper())
+
+
+def _pixel_type(spec: ProductSpec, settings: RenderSettings, kind: str) -> PixelType | None:
     """Return the type of the colour channels; the types of RenderVars apply to EXRs only."""
-    if is_png:
-        return "uint16" if settings.png_bits == "16" else "uint8"
-    return dict(spec.pixel_types).get("color")
+    if kind == "EXR":
+        return dict(spec.pixel_types).get("color")
+    return "uint16" if kind == "PNG" and settings.png_bits == "16" else "uint8"
+
+
+def _background(request: RenderRequest, settings: RenderSettings, kind: str) -> Background | None:
+    """Return the colour behind a picture; None for a transparent one.
+
+    Raises:
+        UsageError: If the text is no colour, or the format has no alpha and none is given.
+    """
+    text = settings.background.lower()
+    where = "--background" if "background" in request.settings else "splat:background"
+    if text == AUTO:
+        text = "grey" if request.is_capture or kind == "JPEG" else TRANSPARENT
+    found = parse_background(text, where=where)
+    if found is None and kind == "JPEG":
+        raise UsageError(where, f"{TRANSPARENT} for a JPEG", "a colour, or .png or .webp")
+    return None if kind == "EXR" else found
+
+
+def _check_background(request: RenderRequest, pictures: Sequence[PicturePlan]) -> None:
+    """Raise an error if a colour is requested and all pictures are EXRs, which have none."""
+    text = str(request.settings.get("background", AUTO))
+    if text.lower() in (AUTO, TRANSPARENT):
+        return
+    if all(_kind(str(picture.output)) == "EXR" for picture in pictures):
+        expected = "a PNG, JPEG or WebP: an EXR keeps its alpha for compositing"
+        raise UsageError("--background", f"{text} for an EXR", expected)
 
 
 def _pixel_types(request: RenderRequest, spec: ProductSpec) -> tuple[tuple[str, PixelType], ...]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from usdsplat.core.findings import Finding
+from usdsplat.images.background import Background
 from usdsplat.images.frame_numbers import FileName
 from usdsplat.images.layout import Entry, PixelType
 from usdsplat.render.settings import RenderSettings
@@ -54,7 +55,11 @@ class RenderRequest:
     compare: bool = True
     """Whether a deep picture is compared with a flat one."""
     bake_view: bool = False
-    """Whether the view transform is applied when a picture is written; PNGs always have it."""
+    """Whether the view transform is applied when a picture is written; PNGs, JPEGs and WebPs always
+    have it."""
+    is_capture: bool = False
+    """Whether a capture is drawn by itself, without a stage: pictures for displays are opaque by
+    default."""
     settings: Mapping[str, Any] = field(default_factory=dict)
     """Values of `RenderSettings`."""
     metadata: Mapping[str, Entry] = field(default_factory=dict)
@@ -89,6 +94,8 @@ class PicturePlan:
     compare: bool = True
     is_baked: bool = False
     """Whether the view transform is applied when the picture is written."""
+    background: Background | None = None
+    """Colour behind a picture for displays; None for a transparent one, as every EXR is."""
     metadata: tuple[tuple[str, Entry], ...] = ()
     """Header entries that the user or the product adds."""
     findings: tuple[Finding, ...] = ()

@@ -15,6 +15,7 @@ from usdsplat.delegate.engine import Engine
 from usdsplat.interchange.files import open_stage
 from usdsplat.render.scene import RenderScene, matrix
 from usdsplat.render.specs import CameraSpec
+from usdsplat.schema.tokens import SETTINGS_API
 from usdsplat.schema.usd_files import export_layer
 
 FOCAL_LENGTH = 50.0
@@ -146,6 +147,12 @@ def _author_settings(stage: Usd.Stage) -> None:
     settings = UsdRender.Settings.Define(stage, "/Render/Settings")
     settings.GetCameraRel().SetTargets([CAMERA])
     settings.GetResolutionAttr().Set(Gf.Vec2i(*STILL))
+    settings.GetPrim().AddAppliedSchema(SETTINGS_API)
+    background = settings.GetPrim().CreateAttribute(
+        "splat:background", Sdf.ValueTypeNames.String, custom=False,
+        variability=Sdf.VariabilityUniform,
+    )  # fmt: skip
+    background.Set("grey")  # of the pictures for displays, which people look at first
     stage.SetMetadata("renderSettingsPrimPath", str(settings.GetPath()))
     for name, (resolution, sources) in _PRODUCTS.items():
         product = UsdRender.Product.Define(stage, f"/Render/{name}")

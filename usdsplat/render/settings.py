@@ -12,7 +12,7 @@ from usdsplat.render.specs import SortingMode
 
 FILE_KNOBS = (
     "compression", "tile_size", "empty_depth", "multipart", "crypto_rank", "deep_error",
-    "deep_color", "png_bits", "start_timecode",
+    "deep_color", "background", "png_bits", "jpeg_quality", "start_timecode",
 )  # fmt: skip
 """Knobs of files, which views in a window do not offer."""
 
@@ -116,7 +116,7 @@ class RenderSettings:
         "auto",
         "display keeps the space the captures were trained in, scene converts to the working "
         "space, inverseView applies the inverse of the view so that the view shows the captured "
-        "colours; auto is display in memory and for PNG, scene for EXR",
+        "colours; auto is scene for EXR, else display",
     )
     working_space: Literal[
         "lin_rec709_scene", "lin_ap1_scene", "lin_ap0_scene", "lin_rec2020_scene", "lin_p3d65_scene"
@@ -176,7 +176,16 @@ class RenderSettings:
         "that the flattened samples equal the flat picture of the same blend space; opacities stay "
         "the same",
     )
+    background: str = knob(
+        "auto",
+        "colour behind a picture for displays: transparent, black, grey, white, #rrggbb, or r,g,b "
+        "from 0 to 1, in code values of the display; auto is grey for a capture that is rendered "
+        "by itself and for JPEG, else transparent; EXRs are always transparent",
+    )
     png_bits: Literal["8", "16"] = knob("8", "bits of each channel of a PNG")
+    jpeg_quality: int = knob(
+        95, "quality of JPEG and WebP pictures; a WebP of 100 is lossless", range=(1, 100)
+    )
     start_timecode: str = knob(
         "",
         "SMPTE time code of the stage's startTimeCode, such as 01:00:00:00; default: frame 0 is "

@@ -44,7 +44,7 @@ CODES: dict[str, Code] = {
     ),
     "png-aovs": Code(
         "warning",
-        "a PNG holds only color",
+        "a PNG, JPEG or WebP holds only color",
         "name an EXR for the other AOVs",
         "the others are left out",
     ),
