@@ -9,12 +9,14 @@ import numpy as np
 from pxr import Usd, UsdGeom
 
 from usdsplat.core.errors import UsdSplatError
-from usdsplat.delegate.default_camera import Box, frame_subject
+from usdsplat.delegate.default_camera import frame_subject
 from usdsplat.preview.camera import FreeCamera
 from usdsplat.preview.session import Session
 from usdsplat.preview.values import Opened, Picture, ViewState
 from usdsplat.preview.viewer import Viewer
+from usdsplat.render.fields import Box
 from usdsplat.render.specs import Matrix
+from usdsplat.render.subject import Subject, of_box
 
 BOX = (np.array((-1.0, -1.0, -1.0)), np.array((1.0, 2.0, 1.0)))
 OPENED = Opened(
@@ -64,6 +66,11 @@ class FakeDocument:
         """As `Document.bounds`."""
         self.asked.append(paths)
         return self.box
+
+    def subject(self, paths: tuple[str, ...] = ()) -> Subject | None:
+        """As `Document.subject`."""
+        self.asked.append(paths)
+        return None if self.box is None else of_box(self.box)
 
 
 class FakeSession(Session):
@@ -115,7 +122,7 @@ def picture_of(state: ViewState, **values: Any) -> Picture:
     camera = (
         state.camera.spec(aspect=aspect, bounds=BOX)
         if isinstance(state.camera, FreeCamera)
-        else frame_subject(BOX, BOX, up_axis="Y", aspect=aspect)
+        else frame_subject(of_box(BOX), BOX, up_axis="Y", aspect=aspect)
     )
     image = np.full((height, width, 3), 90, np.uint8)
     return Picture(**{"image": image, "state": state, "camera": camera, "number": 1, **values})

@@ -54,7 +54,7 @@ def captured(path) -> tuple[RenderScene, View]:
     scene.set_field("/capture", FieldSpec(cloud=formats.read(path).cloud))
     scene.set_instances("/capture", (InstanceSpec(path="/capture"),))
     aspect = SIZE[0] / SIZE[1]
-    camera = frame_subject(scene.subject(), scene.bounds(), up_axis="Y", aspect=aspect)
+    camera = frame_subject(scene.seen(), scene.bounds(), up_axis="Y", aspect=aspect)
     return scene, View(camera=camera, framing=Framing(resolution=SIZE))
 
 

@@ -9,7 +9,7 @@ from typing import Any, Literal
 from usdsplat.core.cloud import SplatCloud
 from usdsplat.core.errors import UsageError
 from usdsplat.core.findings import Finding
-from usdsplat.delegate.default_camera import Box, frame_subject, union
+from usdsplat.delegate.default_camera import frame_subject, union
 from usdsplat.delegate.drawer import Drawer
 from usdsplat.delegate.live_clouds import LiveClouds
 from usdsplat.delegate.product import ProductSpec
@@ -23,6 +23,7 @@ from usdsplat.render.band import BAND_PIXELS, Band
 from usdsplat.render.cost import Work
 from usdsplat.render.deep_memory import USUAL_SIZE, DeepSize
 from usdsplat.render.deep_samples import DeepSamples
+from usdsplat.render.fields import Box
 from usdsplat.render.frame_stats import FrameStats
 from usdsplat.render.lod.memory import estimate
 from usdsplat.render.memory import COLOR_ALONE, Estimate, PictureRequest
@@ -30,6 +31,7 @@ from usdsplat.render.renderer import ReadHoldout, TimeSampler, depends_on_time
 from usdsplat.render.scene import RenderScene
 from usdsplat.render.settings import RenderSettings
 from usdsplat.render.specs import CameraSpec, Framing, View
+from usdsplat.render.subject import Subject, joined
 
 PURPOSES = ("default", "render")
 
@@ -209,11 +211,11 @@ class Engine:
         try:
             for time in times:
                 self.set_time(time)
-                boxes.append((self.render_scene.subject(), self.render_scene.bounds()))
+                boxes.append((self.render_scene.seen(), self.render_scene.bounds()))
         finally:
             self.set_time(before)
         subjects, bounds = zip(*boxes, strict=True) if boxes else ((), ())
-        return self._around(union(subjects), union(bounds), framing or Framing())
+        return self._around(joined(subjects), union(bounds), framing or Framing())
 
     def products(
         self,
@@ -385,14 +387,13 @@ class Engine:
     def _resolved(self, settings: RenderSettings | None) -> RenderSettings:
         return (settings or RenderSettings()).resolved(h for _, h in self._index.sorting_hints())
 
-    def _around(self, subject: Box | None, bounds: Box | None, framing: Framing) -> CameraSpec:
-        axis = self._open().up_axis
-        return frame_subject(subject, bounds, up_axis=axis, aspect=framing.aspect)
+    def _around(self, subject: Subject | None, bounds: Box | None, framing: Framing) -> CameraSpec:
+        return frame_subject(subject, bounds, up_axis=self._open().up_axis, aspect=framing.aspect)
 
     def _camera(self, path: str | None, framing: Framing) -> CameraSpec:
         if path is None:
             scene = self._param.scene
-            return self._around(scene.subject(), scene.bounds(), framing)
+            return self._around(scene.seen(), scene.bounds(), framing)
         spec = self._index.find_camera(path).spec
         if spec is None:
             raise self._open().problems[path, "camera"]

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from usdsplat.core.cloud import F32, F64
-from usdsplat.delegate.default_camera import Box
+from usdsplat.render.fields import Box
 from usdsplat.render.scene import Drawn, DrawnMesh, RenderScene, matrix
 from usdsplat.render.specs import FieldSpec, MeshSpec
 

@@ -13,9 +13,10 @@ from typing import Literal
 import numpy as np
 
 from usdsplat.core.cloud import F64
-from usdsplat.delegate.default_camera import Box
+from usdsplat.render.fields import Box
 from usdsplat.render.framing import conform
 from usdsplat.render.specs import CameraSpec, Framing
+from usdsplat.render.subject import Subject, corners
 
 Vector = tuple[float, float, float]
 UpAxis = Literal["Y", "Z"]
@@ -26,8 +27,6 @@ LOOK_AROUND = 2.0
 """Rotation about the eye by a drag over the viewport's height, in fields of view."""
 POLE = 5e-7
 """Minimum angle to the up axis, so that a heading exists [radian]."""
-MARGIN = 1.05
-"""Factor on the distance at which a framed box just fits."""
 NEAREST = 1e-3
 """Near plane inside the visible scene, as a fraction of the distance to the target."""
 NEAREST_OF_FAR = 1e-4
@@ -105,15 +104,14 @@ class FreeCamera:
         """Return the camera centred on a point, from the same direction and distance."""
         return self.flown(*(self.axes @ np.subtract(target, self.target) * (1.0, 1.0, -1.0)))
 
-    def framing(self, box: Box, *, aspect: float) -> FreeCamera:
-        """Return a level camera that frames a box from the same direction; a point keeps the
+    def framing(self, subject: Subject, *, aspect: float) -> FreeCamera:
+        """Return a level camera that frames a subject from the same direction; a point keeps the
         distance."""
         level = replace(self, roll=0.0)
-        center = 0.5 * (box[0] + box[1])
         top = level.half_height(aspect)
-        x, y, z = ((_corners(box) - center) @ level.axes.T).T
-        across = np.maximum(abs(x) / (top * aspect), abs(y) / top)
-        distance = MARGIN * float(np.max(across if self.is_orthographic else across + z))
+        center, distance = subject.frame(
+            level.axes, (top * aspect, top), is_orthographic=self.is_orthographic
+        )
         distance = distance if distance > 0 else self.distance
         eye = center + distance * level.axes[2]
         return replace(level, eye=_vector(eye), target=_vector(center))
@@ -136,7 +134,7 @@ class FreeCamera:
         until all of them are in front of it.
         """
         axes, eye = self.axes, np.asarray(self.eye, np.float64)
-        depths = None if bounds is None else (eye - _corners(bounds)) @ axes[2]
+        depths = None if bounds is None else (eye - corners(bounds)) @ axes[2]
         top = self.half_height(aspect)
         if self.is_orthographic:
             top *= self.distance
@@ -263,8 +261,3 @@ def _steep(forward: F64, up: F64, up_axis: str) -> tuple[F64, float]:
 def _vector(array: F64) -> Vector:
     x, y, z = (float(value) for value in array)
     return x, y, z
-
-
-def _corners(box: Box) -> F64:
-    """Return the eight corners of a box, shape (8, 3)."""
-    return np.array(np.meshgrid(*zip(*box, strict=True))).reshape(3, 8).T

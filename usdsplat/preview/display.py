@@ -13,7 +13,6 @@ from collections.abc import Mapping
 import numpy as np
 
 from usdsplat.core.cloud import F32, F64
-from usdsplat.delegate.default_camera import Box
 from usdsplat.delegate.render_buffer import Pixels
 from usdsplat.images.aovs import find_aovs
 from usdsplat.images.color import REC709, convert, luminance
@@ -23,6 +22,7 @@ from usdsplat.kernels.device import Device
 from usdsplat.preview import palette
 from usdsplat.preview.values import DisplaySettings, Image, Look
 from usdsplat.preview.viewing import DisplayTransforms
+from usdsplat.render.fields import Box
 
 CHANNELS = {
     "rgb": show.ALL, "luminance": show.ALL, "red": show.RED, "green": show.GREEN,

@@ -15,7 +15,6 @@ from typing import Any
 from pxr import Sdf, Tf, Usd, UsdGeom
 
 from usdsplat.core.errors import StageError
-from usdsplat.delegate.default_camera import Box
 from usdsplat.delegate.engine import Engine
 from usdsplat.interchange.provenance import KEY
 from usdsplat.kernels.device import CpuDevice
@@ -27,6 +26,8 @@ from usdsplat.preview.scenes import Scenes
 from usdsplat.preview.sources import Sources
 from usdsplat.preview.stage_model.edits import Edits
 from usdsplat.preview.values import Event, Opened, StageChanged, ViewState
+from usdsplat.render.fields import Box
+from usdsplat.render.subject import Subject, of_box
 from usdsplat.schema.stage_values import up_axis, world_bound
 from usdsplat.sim.stage.collections import find_simulations
 
@@ -153,6 +154,18 @@ class Document:
                 return self.engine.render_scene.subject()
             corners = [corner for path in paths for corner in self._outline(self.engine, path)]
         return boxes.around(corners)
+
+    def subject(self, paths: tuple[str, ...] = ()) -> Subject | None:
+        """Return what to frame, in the world at the current time; None if it is empty.
+
+        Args:
+            paths: Paths of prims, including their descendants; empty for everything visible.
+        """
+        if not paths:
+            with self.lock:
+                return self.engine.render_scene.seen()
+        box = self.bounds(paths)
+        return None if box is None else of_box(box)
 
     def frame_anew(self) -> None:
         """Let the default camera frame the current scene again."""

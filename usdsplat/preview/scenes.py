@@ -10,12 +10,13 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Literal, Protocol
 
-from usdsplat.delegate.default_camera import Box, frame_subject
+from usdsplat.delegate.default_camera import frame_subject
 from usdsplat.delegate.engine import Engine
 from usdsplat.delegate.live_clouds import LiveClouds
 from usdsplat.preview.boxes import Reach
 from usdsplat.preview.camera import FreeCamera
 from usdsplat.preview.values import Look, ViewState
+from usdsplat.render.fields import Box
 from usdsplat.render.lod.cache import NodeCache
 from usdsplat.render.lod.nodes import view_cut
 from usdsplat.render.specs import CameraSpec, Framing, View
@@ -187,7 +188,7 @@ class Scenes:
         key = scene.prims(), aspect
         if self._framed is None or self._framed[0] != key:
             camera = frame_subject(
-                scene.subject(), reach.of(scene), up_axis=self._up_axis, aspect=aspect
+                scene.seen(), reach.of(scene), up_axis=self._up_axis, aspect=aspect
             )
             self._framed = key, camera
         return self._framed[1]

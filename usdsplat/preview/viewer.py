@@ -12,7 +12,6 @@ from functools import partial
 from typing import Any
 
 from usdsplat.core.knobs import checked
-from usdsplat.delegate.default_camera import Box
 from usdsplat.preview.bookmarks import Bookmark, free_name, without
 from usdsplat.preview.camera import FreeCamera, Glide, UpAxis, Vector
 from usdsplat.preview.latest_request import Asks
@@ -27,7 +26,9 @@ from usdsplat.preview.values import (
     StageChanged,
     ViewState,
 )
+from usdsplat.render.fields import Box
 from usdsplat.render.specs import CameraSpec, Matrix
+from usdsplat.render.subject import Subject
 
 FLIGHT = 0.5
 """Fraction of the distance to the target that a flight covers per second, at speed 1."""
@@ -197,15 +198,15 @@ class Viewer:
     def frame(self, paths: tuple[str, ...] = ()) -> None:
         """Frame some prims, or everything, from the current direction."""
         self._session.ask(
-            lambda document: document.bounds(paths),
-            lambda box: None if box is None else self.frame_box(box),
+            lambda document: document.subject(paths),
+            lambda subject: None if subject is None else self.frame_subject(subject),
         )
 
-    def frame_box(self, box: Box) -> None:
-        """Frame a box from the current direction."""
+    def frame_subject(self, subject: Subject) -> None:
+        """Frame a subject from the current direction."""
         camera = self.free_camera()
         if camera is not None:
-            self._go(camera, camera.framing(box, aspect=self.aspect))
+            self._go(camera, camera.framing(subject, aspect=self.aspect))
 
     def aim(self, target: Vector) -> None:
         """Centre the view on a point, and orbit it from now on."""

@@ -21,6 +21,7 @@ from usdsplat.products.planning import plan_pictures
 from usdsplat.products.preflight import go_to
 from usdsplat.products.request import PicturePlan, RenderRequest
 from usdsplat.render.specs import CameraSpec
+from usdsplat.render.subject import joined
 from usdsplat.schema.stage_values import up_axis
 
 WIDTH = 480
@@ -131,10 +132,10 @@ def _planned(paths: Sequence[Path], frame: float) -> tuple[PicturePlan, CameraSp
     for path in paths:
         with Engine(open_stage(path), device="cpu", time=frame) as engine:
             engine.set_purposes(plan.purposes)
-            subjects.append(engine.render_scene.subject())
+            subjects.append(engine.render_scene.seen())
             bounds.append(engine.render_scene.bounds())
     aspect = plan.framing.aspect
-    found = frame_subject(union(subjects), union(bounds), up_axis=up_axis(stage), aspect=aspect)
+    found = frame_subject(joined(subjects), union(bounds), up_axis=up_axis(stage), aspect=aspect)
     return plan, found
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from pxr import Gf, Kind, Sdf, Usd, UsdGeom, UsdRender
 
 from usdsplat.core.cloud import F64
-from usdsplat.delegate.default_camera import MARGIN, NEAREST
+from usdsplat.delegate.default_camera import NEAREST
 from usdsplat.delegate.engine import Engine
 from usdsplat.interchange.files import open_stage
 from usdsplat.render.scene import RenderScene, matrix
@@ -25,6 +25,8 @@ CAMERA = "/World/Turntable/Camera"
 STILL = (1920, 1080)
 MOVING = (640, 360)
 """Resolutions of the products [pixel]."""
+MARGIN = 1.05
+"""Factor on the distance at which the subject just fits."""
 TIPS = 0.25
 """Distance beyond its bounds that still belongs to the subject, as a fraction of its size."""
 POINTS, TURNS = 5000, 24

@@ -20,6 +20,7 @@ from usdsplat.render.lod.cache import NodeCache
 from usdsplat.render.lod.tree import Tree, TreeSpec
 from usdsplat.render.matte_groups import MatteGroups, matte_groups
 from usdsplat.render.specs import CropSpec, FieldSpec, InstanceSpec, MeshSpec
+from usdsplat.render.subject import Subject, of_scene
 
 SUBJECT = 0.004
 """Fraction of the splats, at either end of each axis, that may be outliers far from the subject."""
@@ -67,7 +68,9 @@ def _subject(spec: FieldSpec | MeshSpec) -> Box | None:
 def _subject_of_tree(tree: Tree) -> Box:
     """Return the bounds of the centres without outliers, by the coarsest level, which is small."""
     if tree.subject is None:
-        tree.subject = _most_of(tree.coarsest()) or tree.box
+        positions = [cloud.positions for cloud in tree.coarsest()]
+        found = _most_of(np.concatenate(positions)) if positions else None
+        tree.subject = found or tree.box
     return tree.subject
 
 
@@ -129,6 +132,7 @@ class RenderScene:
         self._drawn: list[Drawn] | None = None
         self._draw_lists: dict[int, DrawList] = {}
         self._matte_groups: dict[str, MatteGroups] = {}
+        self._subject: tuple[Subject | None] | None = None
 
     # --- editing ---------------------------------------------------------------------------
 
@@ -325,6 +329,15 @@ class RenderScene:
         outliers."""
         return self._union("subject", _subject)
 
+    def seen(self) -> Subject | None:
+        """Return some of everything visible, for cameras that frame it; None if nothing is. The
+        result is cached until the next edit."""
+        if self._subject is None:
+            trees = [tree for _, tree in self.drawn_trees()]
+            meshes = [mesh for mesh in self._meshes.values() if mesh.is_drawn]
+            self._subject = (of_scene(self.visible_fields(), trees, meshes),)
+        return self._subject[0]
+
     def caster_bounds(self) -> tuple[Box | None, Box | None]:
         """Return the bounds of the visible fields, without outliers, and those of the meshes."""
         fields = [
@@ -370,3 +383,4 @@ class RenderScene:
         self._drawn = None
         self._draw_lists.clear()
         self._matte_groups.clear()
+        self._subject = None

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from usdsplat.core.cloud import F32, F64, I64, SplatCloud
+from usdsplat.core.cloud import F64, I64, SplatCloud
 from usdsplat.core.edit import take
 from usdsplat.core.errors import UsdSplatError
 from usdsplat.core.node_cuts import level_cut
@@ -159,17 +159,17 @@ class Tree:
         table = self.spec.table
         return table.low[0].astype(np.float64), table.high[0].astype(np.float64)
 
-    def coarsest(self) -> F32:
-        """Return the centres of the splats of the root, shape (n, 3); those of some of the topmost
-        nodes with proxies if it has none. What cannot be read is left out."""
+    def coarsest(self) -> list[SplatCloud]:
+        """Return the splats of the root; those of some of the topmost nodes with proxies if it has
+        none. What cannot be read is left out."""
         table = self.spec.table
         nodes = level_cut(table, MOST_LEVELS).nodes.tolist()
-        found = [np.empty((0, 3), np.float32)]
+        found = []
         for node in nodes[:: -(-len(nodes) // _TOPMOST)] if nodes else ():
             count = int(table.proxies[node] + table.residents[node])
             with suppress(UsdSplatError):  # drawing reports it
-                found.append(self.spec.read(node, int(table.first_row[node]), count).positions)
-        return np.concatenate(found)
+                found.append(self.spec.read(node, int(table.first_row[node]), count))
+        return found
 
     def replace(self, spec: TreeSpec) -> None:
         """Replace the tree. Splats of unchanged chunks stay prepared."""

@@ -1,0 +1,212 @@
+"""Tests of what automatic cameras frame."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tests.render.rendering import scene_of
+from usdsplat.core.cloud import SplatCloud
+from usdsplat.render.specs import CropSpec
+from usdsplat.render.subject import FILL, joined, of_box, of_points
+
+WINDOW = (0.8, 0.45)
+"""Half of the width and of the height of a picture at distance 1."""
+FRONT = np.eye(3)
+"""Directions of a camera that looks along -z."""
+WITHIN = 0.01
+"""Relative error of a distance that other random splats make."""
+
+
+def cloud(positions, *, size=0.02, opacity=0.9):
+    n = len(positions)
+    return SplatCloud(
+        positions=np.asarray(positions, np.float32),
+        scales=np.full((n, 3), size, np.float32),
+        rotations=np.tile(np.float32([1, 0, 0, 0]), (n, 1)),
+        opacities=np.full(n, opacity, np.float32),
+        sh=np.zeros((n, 1, 3), np.float32),
+    )
+
+
+def both(*clouds):
+    """All splats in one cloud."""
+    names = ("positions", "scales", "rotations", "opacities", "sh")
+    return SplatCloud(
+        **{name: np.concatenate([getattr(each, name) for each in clouds]) for name in names}
+    )
+
+
+def block(n=6000, *, low=(-1, -1, -1), high=(1, 1, 1), seed=0, **more):
+    return cloud(np.random.default_rng(seed).uniform(low, high, (n, 3)), **more)
+
+
+def framed(*clouds, **more):
+    return scene_of(*((each, np.eye(4)) for each in clouds)).seen().frame(FRONT, WINDOW, **more)
+
+
+def span(points, target, distance):
+    """Parts of the half picture that points reach to the right, left, up and down."""
+    x, y, z = (np.asarray(points, np.float64) - target).T
+    across, along = x / (distance - z) / WINDOW[0], y / (distance - z) / WINDOW[1]
+    return across.max(), -across.min(), along.max(), -along.min()
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_points_fill_the_picture_exactly(seed):
+    """Oracle: the pinhole projection: in one direction both edges are at the margin, in the other
+    none is beyond and both are as far from it."""
+    rng = np.random.default_rng(seed)
+    points = rng.normal(size=(40, 3)) * rng.uniform(0.3, 2, 3) + rng.normal(size=3) * 10
+    turn, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+    target, distance = of_points(points).frame(turn, WINDOW)
+    right, left, above, below = span(points @ turn.T, turn @ target, distance)
+    assert max(right, left, above, below) == pytest.approx(FILL)
+    pairs = (right, left), (above, below)
+    assert any(pair == pytest.approx((FILL, FILL)) for pair in pairs)
+    depths = distance - ((points - target) @ turn.T)[:, 2]
+    assert depths.min() > 0 and depths.max() + depths.min() == pytest.approx(2 * distance)
+
+
+def test_an_orthographic_camera_frames_by_extents():
+    """Oracle: the closed form: a box of 4 by 1 in a window of 16 to 9."""
+    box = np.array([1.0, 2.0, 3.0]), np.array([5.0, 3.0, 9.0])
+    target, distance = of_box(box).frame(FRONT, WINDOW, is_orthographic=True)
+    assert target == pytest.approx((3.0, 2.5, 6.0))
+    assert distance * WINDOW[0] * FILL == pytest.approx(2.0)
+
+
+def test_a_point_has_no_distance_that_frames_it():
+    """Oracle: the point itself."""
+    target, distance = of_points(np.array([[1.0, -2.0, 1e4]])).frame(FRONT, WINDOW)
+    assert target == pytest.approx((1.0, -2.0, 1e4)) and distance == 0.0
+
+
+def test_a_pole_that_points_at_the_eye_is_not_touched():
+    """Oracle: the closed form: a quarter of its depth in front of it."""
+    pole = np.array([-0.001, -0.001, -2.0]), np.array([0.001, 0.001, 2.0])
+    target, distance = of_box(pole).frame(FRONT, WINDOW)
+    assert target == pytest.approx((0, 0, 0)) and distance == pytest.approx(2 + 0.25 * 4)
+
+
+def test_a_block_of_splats_fills_the_picture():
+    """Oracle: the projection of its centres, of which one at most may be outside; their own size is
+    a hundredth of the block."""
+    solid = block()
+    target, distance = framed(solid)
+    _, _, above, below = span(solid.positions, target, distance)
+    assert (above, below) == pytest.approx((FILL, FILL), abs=0.03)
+
+
+@pytest.mark.parametrize(
+    "floaters",
+    [
+        block(200, low=(-9, -9, -9), high=(9, 9, 9), seed=1, size=0.05, opacity=0.3),
+        block(40, low=(-30, -30, -30), high=(30, 30, 30), seed=2, size=0.2),
+        block(3000, low=(-5, -5, -5), high=(5, 5, 5), seed=3, size=0.3, opacity=0.004),
+    ],
+    ids=["faint", "far", "haze"],
+)
+def test_floaters_do_not_matter(floaters):
+    """Oracle: the camera of the block without them."""
+    target, distance = framed(block())
+    found, at = framed(both(block(), floaters))
+    assert at == pytest.approx(distance, rel=4 * WITHIN)
+    assert found == pytest.approx(target, abs=0.1)
+
+
+def test_ground_and_sky_of_a_place_are_background():
+    """Oracle: the distance: the ground reaches a hundred times as far as the block, the sky more,
+    and the camera is not much farther away than the block alone needs."""
+    rng = np.random.default_rng(5)
+    far = np.exp(rng.normal(0.5, 1.2, 4000))
+    angle = rng.uniform(0, 2 * np.pi, 4000)
+    ground = cloud(np.stack([far * np.cos(angle), np.full(4000, -1.0), far * np.sin(angle)], 1))
+    ground = SplatCloud(
+        positions=ground.positions, rotations=ground.rotations, opacities=ground.opacities,
+        scales=np.float32(0.05) * np.repeat(far[:, None], 3, 1).astype(np.float32), sh=ground.sh,
+    )  # fmt: skip
+    sky = rng.normal(size=(1500, 3))
+    sky = cloud(400 * sky / np.linalg.norm(sky, axis=1, keepdims=True), size=20)
+    _, alone = framed(block())
+    _, distance = framed(both(block(), ground, sky))
+    assert distance < 8 * alone
+
+
+def test_thin_parts_are_not_cut_off():
+    """Oracle: the tip of a rod on a block, with few of the splats and three times as long, is
+    inside."""
+    rod = cloud(np.linspace([0, 1, 0], [0, 7, 0], 100), size=0.03)
+    target, distance = framed(both(block(), rod))
+    _, _, above, below = span([[0, 7, 0], [0, -1, 1]], target, distance)
+    assert 0.8 < above < 0.95 and 0.8 < below < 0.95
+
+
+def test_dense_parts_do_not_hide_sparse_ones():
+    """Oracle: a body that is as sparse as it is long is inside, below a head of most splats."""
+    head = block(10000, low=(-0.1, -0.1, -0.1), high=(0.1, 0.1, 0.1), size=0.01)
+    body = block(1500, low=(-0.2, -2, -0.2), high=(0.2, -0.1, 0.2), seed=1, size=0.05)
+    target, distance = framed(both(head, body))
+    _, _, above, below = span([[0, 0.1, 0], [0, -2, 0]], target, distance)
+    assert 0.75 < above < 0.95 and 0.75 < below < 0.95
+
+
+def test_a_small_field_far_away_is_framed_too():
+    """Oracle: the projection: both are inside, although the small one has a thousandth of the
+    area."""
+    small = block(200, low=(19.95, -0.05, -0.05), high=(20.05, 0.05, 0.05), seed=1, size=0.005)
+    target, distance = framed(block(), small)
+    right, left, _, _ = span([[20.05, 0, 0], [-1, 0, 0]], target, distance)
+    assert 0.8 < right < 0.95 and 0.8 < left < 0.95
+
+
+def test_what_crops_remove_is_not_framed():
+    """Oracle: the camera of what is left."""
+    scene = scene_of((both(block(), block(low=(9, -1, -1), high=(11, 1, 1))), np.eye(4)))
+    ball = np.diag([0.2, 0.2, 0.2, 1.0])
+    scene.set_crops(
+        "/field0", (CropSpec(shape="sphere", world_to_shape=tuple(ball.ravel()), keeps=True),)
+    )
+    target, distance = framed(block())
+    found, at = scene.seen().frame(FRONT, WINDOW)
+    assert at == pytest.approx(distance, rel=WITHIN) and found == pytest.approx(target, abs=0.02)
+
+
+def test_transforms_are_followed_and_what_is_not_finite_is_left_out():
+    """Oracle: the same splats in place."""
+    matrix = np.array([[0, -2, 0, 5], [2, 0, 0, 1], [0, 0, 2, 3], [0, 0, 0, 1.0]])
+    there = block()
+    expected = framed(cloud(there.positions @ matrix[:3, :3].T + matrix[:3, 3], size=0.04))
+    broken = cloud(np.array([[np.nan, 0, 0], [np.inf, 0, 0]]))
+    target, distance = scene_of((both(there, broken), matrix)).seen().frame(FRONT, WINDOW)
+    assert distance == pytest.approx(expected[1], rel=1e-5)
+    assert target == pytest.approx(expected[0], abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    "odd",
+    [cloud(np.zeros((5, 3)), size=0.0), cloud(np.eye(3), size=0.0), block(3, opacity=0.001)],
+    ids=["a point", "three points", "hardly visible"],
+)
+def test_odd_clouds_have_a_camera(odd):
+    """Oracle: finite numbers."""
+    target, distance = framed(odd)
+    assert np.isfinite(target).all() and 0 <= distance < 1e3
+
+
+def test_nothing_has_no_subject():
+    """Oracle: the empty scene, and splats that are transparent."""
+    assert scene_of().seen() is None
+    assert scene_of((block(opacity=0.0), np.eye(4))).seen() is None
+    assert joined([None, of_points(np.empty((0, 3)))]) is None
+
+
+def test_an_edit_is_seen():
+    """Oracle: the camera of the other block; without an edit the same object is returned."""
+    scene = scene_of((block(), np.eye(4)))
+    assert scene.seen() is scene.seen()
+    _, before = scene.seen().frame(FRONT, WINDOW)
+    scene.set_visible("/field0", False)
+    assert scene.seen() is None
+    scene.set_visible("/field0", True)
+    assert scene.seen().frame(FRONT, WINDOW)[1] == before
