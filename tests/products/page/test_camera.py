@@ -6,14 +6,17 @@ The viewer's world is a stage with y up, turned by 180 degrees about y: (-x, y, 
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from pxr import Gf, Sdf, UsdGeom, UsdRender
+from pxr import Gf, Sdf, Usd, UsdGeom, UsdRender
 
-from tests.delegate.stages import two_fields
+from tests.delegate.stages import random_cloud, two_fields
 from tests.products.page.pages import moving_stage, still_stage
+from usdsplat import schema
 from usdsplat.core.errors import StageError, UsageError
+from usdsplat.delegate.engine import Engine
 from usdsplat.products.page.camera import MOST_KEYS, PageRequest, page_camera
 
 
@@ -85,6 +88,20 @@ def test_a_stage_without_a_camera_gets_an_automatic_one():
     assert all(
         (np.array(place) - found.positions[0]) @ ahead > 0 for place in ((0,) * 3, (-2, 0, 0))
     )
+
+
+def test_an_automatic_camera_shows_the_subject_in_narrow_windows():
+    """Oracle: a tall cloud, whose width and height at its distance are those of its box, about; in
+    a window like the picture the field of view is that of the picture."""
+    stage = Usd.Stage.CreateInMemory()
+    cloud = random_cloud(1, n=500)
+    positions = np.float32([0.5, 3, 0.5]) * np.clip(cloud.positions, -1, 1)
+    schema.author(stage, "/A", replace(cloud, positions=positions))
+    found = page_camera(stage, PageRequest(resolution=(1600, 900)), None)
+    assert 0.15 < found.aspect < 0.5
+    with Engine(stage) as engine:
+        top = engine.view(resolution=(1600, 900)).camera.window[3]
+    assert found.fovs[0] == pytest.approx(2 * math.degrees(math.atan(top)))
 
 
 @pytest.mark.parametrize("last", [1e9, math.inf, -5.0, math.nan])

@@ -6,6 +6,7 @@ those with axes "rdf" are upright. Its field of view is that of the longer side.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -65,7 +66,8 @@ class PageCamera:
     rate: float
     """Time codes per second."""
     aspect: float
-    """Width over height of the picture."""
+    """Width over height of what is visible in windows of any shape: the picture, or of an automatic
+    camera the part of it with the subject."""
     positions: F64
     """Shape (n, 3)."""
     targets: F64
@@ -73,7 +75,7 @@ class PageCamera:
     ups: F64
     """Unit vectors, shape (n, 3)."""
     fovs: F64
-    """Field of view of the longer side of the picture [degree], shape (n,)."""
+    """Field of view of the longer side of what is visible [degree], shape (n,)."""
     background: Background
     start: int
     """Index of the frame of the splats, or of the nearest."""
@@ -110,14 +112,17 @@ def page_camera(
         found = list(_specs(stage, path, moving))
         if any(each != found[0] for each in found) or request.frames is not None:
             frames, specs = moving, found
-    eye = _Eye(matrix=TURN @ change(stage_frame(stage), AXES), box=box, framing=framing)
+    aspect = framing.aspect if path is not None else min(framing.aspect, _aspect(spec, box))
+    eye = _Eye(
+        matrix=TURN @ change(stage_frame(stage), AXES), box=box, framing=framing, aspect=aspect
+    )
     for each in specs:
         eye.add(each)
     return PageCamera(
         path=path or "",
         frames=frames,
         rate=rate if 0 < rate < math.inf else USUAL_RATE,
-        aspect=framing.aspect,
+        aspect=aspect,
         positions=np.array(eye.positions),
         targets=np.array(eye.targets),
         ups=np.array(eye.ups),
@@ -183,6 +188,16 @@ def _specs(stage: Usd.Stage, path: str, frames: Sequence[float]) -> Iterator[Cam
         yield read_camera(prim, Usd.TimeCode(frame), UsdGeom.XformCache(frame))
 
 
+def _aspect(spec: CameraSpec, box: tuple[F64, F64]) -> float:
+    """Return the width of a subject before a centred camera over the height of its picture."""
+    view = np.array(spec.world_to_camera).reshape(4, 4)
+    corners = np.array(list(itertools.product(*zip(*box, strict=True))))
+    x, _, z = view[:3, :3] @ corners.T + view[:3, 3:]
+    if not (z < 0).all():
+        return math.inf
+    return float(np.max(np.abs(x / z)) / spec.window[3])
+
+
 @dataclass(slots=True, eq=False, kw_only=True)
 class _Eye:
     """Poses of a camera in the viewer's coordinates."""
@@ -192,6 +207,8 @@ class _Eye:
     box: tuple[F64, F64]
     """Corners of the subject, in the stage's coordinates."""
     framing: Framing
+    aspect: float
+    """See `PageCamera`."""
     positions: list[F64] = field(default_factory=list)
     targets: list[F64] = field(default_factory=list)
     ups: list[F64] = field(default_factory=list)
@@ -213,7 +230,7 @@ class _Eye:
             self.notes["the viewer centres the picture on the axis of the camera"] = None
         if pixel_aspect != 1.0:
             self.notes["the viewer has square pixels"] = None
-        longer = right - left if self.framing.aspect > 1 else top - bottom
+        longer = (top - bottom) * max(self.aspect, 1.0)
         if spec.orthographic:
             said = f"{math.degrees(FOV_OF_PARALLEL):g} degrees"
             self.notes[f"the viewer has no parallel projection: perspective of {said}"] = None
