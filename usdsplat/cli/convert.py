@@ -177,6 +177,7 @@ def _page_request(options: Options) -> PageRequest:
         camera=options.view.camera,
         resolution=resolution_of(options.view.resolution),
         frames=_frames(options),
+        background=options.view.background,
     )
 
 

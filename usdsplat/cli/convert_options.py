@@ -50,7 +50,7 @@ class StageRead:
     variants, references and payloads, and write the converted fields over them"""
 
 
-LevelFlags: Any = flags_of(RenderSettings, ("lod_error", "splat_budget"))
+LevelFlags: Any = flags_of(RenderSettings, ("lod_error", "splat_budget", "background"))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -135,8 +135,10 @@ _OF_FRAMES = {
 }
 """The same for sequences."""
 _OF_PAGE = {
-    True: ("prim", "frame", "frames", "camera", "resolution", "lod", "max_splats"),
-    False: ("axes", "lod", "resolution"),
+    True: (
+        *("prim", "frame", "frames", "camera", "resolution", "background", "lod", "max_splats"),
+    ),
+    False: ("axes", "lod", "resolution", "background"),
 }
 """Input is a stage -> flags that apply to pages."""
 

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from pxr import Gf, Usd, UsdGeom
+from pxr import Gf, Sdf, Usd, UsdGeom, UsdRender
 
 from tests.delegate.stages import random_cloud, two_fields
 from tests.products.page.pages import moving_stage, still_stage
@@ -151,3 +151,33 @@ def test_a_camera_on_the_subject_still_looks_ahead():
     way = (found.targets - found.positions)[0]
     assert way[2] > 0
     np.testing.assert_allclose(way[:2], 0, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("authored", "asked", "is_capture", "expected"),
+    [
+        (None, None, False, (0, 0, 0)),
+        (None, None, True, (56 / 255,) * 3),
+        ("white", None, False, (1, 1, 1)),
+        ("white", "0,0.5,1", False, (0, 0.5, 1)),
+        ("white", "transparent", True, (0, 0, 0)),
+    ],
+)
+def test_the_background_is_that_of_the_picture(authored, asked, is_capture, expected):
+    """Oracle: the colours by hand; grey is #383838, and where pictures are transparent, black."""
+    stage = still_stage()
+    if authored:
+        settings = UsdRender.Settings.Define(stage, "/Render")
+        product = UsdRender.Product.Define(stage, "/Render/Product")
+        settings.GetProductsRel().AddTarget(product.GetPath())
+        stage.SetMetadata("renderSettingsPrimPath", "/Render")
+        attribute = settings.GetPrim().CreateAttribute("splat:background", Sdf.ValueTypeNames.Token)
+        attribute.Set(authored)
+    found = page_camera(stage, PageRequest(background=asked), None, is_capture=is_capture)
+    assert found.background == pytest.approx(expected)
+
+
+def test_a_background_that_is_no_colour_is_an_error():
+    """Oracle: the words of `render`."""
+    with pytest.raises(UsageError, match="expected transparent, black, grey, white, #rrggbb"):
+        page_camera(still_stage(), PageRequest(background="bright"), None)

@@ -11,12 +11,12 @@ from usdsplat.products.page.settings import HELD, viewer_settings
 
 
 def made(stage, time=None, **request):
-    return viewer_settings(page_camera(stage, PageRequest(**request), time), (0.1, 0.2, 0.3))
+    return viewer_settings(page_camera(stage, PageRequest(**request), time))
 
 
 def test_colours_are_drawn_as_captured():
     """Oracle: the viewer's documentation of its settings, version 2."""
-    settings, _ = made(still_stage())
+    settings, _ = made(still_stage(), background="0.1,0.2,0.3")
     assert (settings["version"], settings["tonemapping"]) == (2, "none")
     assert not any(effect["enabled"] for effect in settings["postEffectSettings"].values())
     assert settings["background"] == {"color": [0.1, 0.2, 0.3]}

@@ -19,10 +19,12 @@ from usdsplat.core.cloud import F64
 from usdsplat.core.errors import UsageError
 from usdsplat.delegate.engine import Engine
 from usdsplat.delegate.scene_delegate.cameras import read_camera
+from usdsplat.images.background import AUTO, Background, parse_background
 from usdsplat.interchange.placement import stage_frame
 from usdsplat.products.planning import find_camera
 from usdsplat.products.request import MOST_PIXELS
 from usdsplat.render.framing import conform
+from usdsplat.render.settings import RenderSettings
 from usdsplat.render.specs import CameraSpec, Framing
 
 AXES = "rdf"
@@ -48,8 +50,9 @@ class PageRequest:
     stage's first product, or 1920 x 1080."""
     frames: tuple[float, ...] | None = None
     """Time codes of the camera's animation, ascending; None is the range of the stage."""
-    background: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """Colour behind the splats, as displayed, 0 to 1."""
+    background: str | None = None
+    """Colour behind the splats, as for `RenderSettings.background`; None is that of the stage's
+    first product. Black where pictures are transparent, grey for a capture by itself."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -73,28 +76,32 @@ class PageCamera:
     """Unit vectors, shape (n, 3)."""
     fovs: F64
     """Field of view of the longer side of what is visible [degree], shape (n,)."""
+    background: Background
     start: int
     """Index of the frame of the splats, or of the nearest."""
     notes: tuple[str, ...] = ()
 
 
-def page_camera(stage: Usd.Stage, request: PageRequest, time: float | None) -> PageCamera:
+def page_camera(
+    stage: Usd.Stage, request: PageRequest, time: float | None, *, is_capture: bool = False
+) -> PageCamera:
     """Return the camera of a page.
 
     Args:
         stage: The stage, which is not changed.
         request: The camera.
         time: Time code of the splats; None for USD's default time.
+        is_capture: Whether the stage is a capture by itself.
 
     Raises:
         StageError: If there is no such camera, or it forms no image.
-        UsageError: If the resolution or the frames are invalid.
+        UsageError: If the resolution, the frames or the background are invalid.
     """
     for side in request.resolution or ():
         if side > MOST_PIXELS:
             raise UsageError("--resolution", str(side), f"at most {MOST_PIXELS} pixels on a side")
     with Engine(stage, time=time) as engine:
-        path, framing = _chosen(engine, request)
+        path, framing, text = _chosen(engine, request)
         spec = engine.view(path, framing=framing).camera
         box = engine.render_scene.subject() or (np.full(3, -0.5), np.full(3, 0.5))
         rate = engine.stage_info().time_codes_per_second
@@ -120,21 +127,35 @@ def page_camera(stage: Usd.Stage, request: PageRequest, time: float | None) -> P
         targets=np.array(eye.targets),
         ups=np.array(eye.ups),
         fovs=np.array(eye.fovs),
+        background=_background(text, is_capture=is_capture),
         start=int(np.argmin(np.abs(np.array(frames) - (time or 0.0)))),
         notes=tuple(eye.notes),
     )
 
 
-def _chosen(engine: Engine, request: PageRequest) -> tuple[str | None, Framing]:
-    """Return the camera and the picture that `render` draws: those of the first product, else the
-    first camera, else an automatic one."""
+def _chosen(engine: Engine, request: PageRequest) -> tuple[str | None, Framing, str]:
+    """Return the camera, the picture and the background of what `render` draws: those of the first
+    product, else the first camera, else an automatic one."""
     path = None if request.camera is None else find_camera(engine, request.camera)
-    for product in engine.products(resolution=request.resolution, camera=path):
+    framing = Framing(resolution=request.resolution or Framing().resolution)
+    background = RenderSettings().background
+    for product in engine.products(resolution=request.resolution, camera=path)[:1]:
+        framing, background = product.framing, product.settings.background
         if path is None and product.camera in engine.cameras():
             path = product.camera
-        return path or next(iter(engine.cameras()), None), product.framing
-    framing = Framing(resolution=request.resolution or Framing().resolution)
-    return path or next(iter(engine.cameras()), None), framing
+    text = background if request.background is None else request.background
+    return path or next(iter(engine.cameras()), None), framing, text
+
+
+def _background(text: str, *, is_capture: bool) -> Background:
+    """Return a colour; a page has one where a picture is transparent.
+
+    Raises:
+        UsageError: If the text is no colour.
+    """
+    if text.strip().lower() == AUTO:
+        text = "grey" if is_capture else "black"
+    return parse_background(text, where="background") or (0.0, 0.0, 0.0)
 
 
 def _frames(

@@ -28,9 +28,7 @@ _NO_EFFECTS = {
 }
 
 
-def viewer_settings(
-    camera: PageCamera, background: tuple[float, float, float]
-) -> tuple[dict[str, Any], list[float]]:
+def viewer_settings(camera: PageCamera) -> tuple[dict[str, Any], list[float]]:
     """Return the settings, and the up vectors of the camera's keyframes, 3 numbers each.
 
     Colours are drawn as captured: without tone mapping and effects. An animation repeats. If its
@@ -50,7 +48,7 @@ def viewer_settings(
         "version": 2,
         "tonemapping": "none",
         "highPrecisionRendering": False,
-        "background": {"color": list(background)},
+        "background": {"color": list(camera.background)},
         "postEffectSettings": _NO_EFFECTS,
         "animTracks": tracks,
         "cameras": [{"initial": initial}],

@@ -124,8 +124,7 @@ def write_page(
         reading=StageReading(
             prim_path=options.prim_path if is_stage else None, time=time, trees=export.trees
         ),
-        camera=page_camera(stage, request, time),
-        request=request,
+        camera=page_camera(stage, request, time, is_capture=not is_stage),
         edits=tuple(edits) if is_stage else (),
         progress=progress,
     )
@@ -171,7 +170,6 @@ class _Work:
     target: Path
     reading: StageReading
     camera: PageCamera
-    request: PageRequest
     edits: tuple[Edit, ...]
     progress: Progress
 
@@ -249,7 +247,7 @@ class _Work:
     def _document(
         self, source: str, antialiased: bool, *, capture: str = CAPTURE, url: str = ""
     ) -> Document:
-        settings, ups = viewer_settings(self.camera, self.request.background)
+        settings, ups = viewer_settings(self.camera)
         return Document(
             title=shown(Path(source).stem or source),
             settings=settings,
