@@ -10,13 +10,16 @@ import numpy as np
 from usdsplat.core.axes import UP_AXIS_FRAME, change
 from usdsplat.core.cloud import F64
 from usdsplat.render.fields import Box
+from usdsplat.render.scene import RenderScene
 from usdsplat.render.specs import CameraSpec
-from usdsplat.render.subject import Subject, corners, of_box
+from usdsplat.render.subject import Subject, corners, joined, of_box
 
 FIELD_OF_VIEW = math.radians(45)
 """Field of view of the shorter side of the picture [radian]."""
 DIRECTION = (0.42, 0.3, 1.0)
 """Direction from the scene to the eye, x right, y up, z back: front three-quarter, from above."""
+Seen = tuple[Subject | None, Box | None]
+"""What is seen of a scene, and its bounds; None where nothing is."""
 NEAREST = 1e-3
 """Minimum distance of the near plane, as a fraction of the distance to the subject."""
 
@@ -50,6 +53,17 @@ def frame_subject(
         window=(-right, -top, right, top),
         clipping_range=(near, far),
     )
+
+
+def seen_of(scene: RenderScene) -> Seen:
+    """Return what is seen of a scene, and its bounds."""
+    return scene.seen(), scene.bounds()
+
+
+def frame_all(views: Iterable[Seen], *, up_axis: str, aspect: float) -> CameraSpec:
+    """Return a camera that frames what is seen at any of several times, see `frame_subject`."""
+    subjects, bounds = zip(*views, strict=True) if (views := list(views)) else ((), ())
+    return frame_subject(joined(subjects), union(bounds), up_axis=up_axis, aspect=aspect)
 
 
 def union(boxes: Iterable[Box | None]) -> Box | None:

@@ -9,7 +9,7 @@ from typing import Any, Literal
 from usdsplat.core.cloud import SplatCloud
 from usdsplat.core.errors import UsageError
 from usdsplat.core.findings import Finding
-from usdsplat.delegate.default_camera import frame_subject, union
+from usdsplat.delegate.default_camera import Seen, frame_all, seen_of
 from usdsplat.delegate.drawer import Drawer
 from usdsplat.delegate.live_clouds import LiveClouds
 from usdsplat.delegate.product import ProductSpec
@@ -23,7 +23,6 @@ from usdsplat.render.band import BAND_PIXELS, Band
 from usdsplat.render.cost import Work
 from usdsplat.render.deep_memory import USUAL_SIZE, DeepSize
 from usdsplat.render.deep_samples import DeepSamples
-from usdsplat.render.fields import Box
 from usdsplat.render.frame_stats import FrameStats
 from usdsplat.render.lod.memory import estimate
 from usdsplat.render.memory import COLOR_ALONE, Estimate, PictureRequest
@@ -31,7 +30,6 @@ from usdsplat.render.renderer import ReadHoldout, TimeSampler, depends_on_time
 from usdsplat.render.scene import RenderScene
 from usdsplat.render.settings import RenderSettings
 from usdsplat.render.specs import CameraSpec, Framing, View
-from usdsplat.render.subject import Subject, joined
 
 PURPOSES = ("default", "render")
 
@@ -89,8 +87,11 @@ class Engine:
         self._open().set_purposes(purposes)
 
     def set_refinement(self, levels: int) -> None:
-        """Set the refinement level of subdivision surfaces, 0 to 5, else raise a UsageError; only
-        meshes are rebuilt."""
+        """Set the refinement level of subdivision surfaces; only meshes are rebuilt.
+
+        Raises:
+            UsageError: If it is not 0 to 5.
+        """
         self._open().set_refinement(levels)
 
     def sync(self, view: View | None = None) -> None:
@@ -207,15 +208,14 @@ class Engine:
         self, times: Iterable[float | None], *, framing: Framing | None = None
     ) -> CameraSpec:
         """Return a camera that frames everything visible at any of `times`; keeps the time."""
-        before, boxes = self.time, []
+        before, views = self.time, []
         try:
             for time in times:
                 self.set_time(time)
-                boxes.append((self.render_scene.seen(), self.render_scene.bounds()))
+                views.append(seen_of(self.render_scene))
         finally:
             self.set_time(before)
-        subjects, bounds = zip(*boxes, strict=True) if boxes else ((), ())
-        return self._around(joined(subjects), union(bounds), framing or Framing())
+        return self._around(views, framing or Framing())
 
     def products(
         self,
@@ -247,7 +247,7 @@ class Engine:
     # --- pictures --------------------------------------------------------------------------
 
     def expect(self, work: Iterable[Work]) -> None:
-        """Set the expected work, by default a long session, for which "auto" selects a device."""
+        """Set the work by which "auto" selects the device; by default it is a long session."""
         self.sync()
         self._drawer.expect(work)
 
@@ -387,13 +387,12 @@ class Engine:
     def _resolved(self, settings: RenderSettings | None) -> RenderSettings:
         return (settings or RenderSettings()).resolved(h for _, h in self._index.sorting_hints())
 
-    def _around(self, subject: Subject | None, bounds: Box | None, framing: Framing) -> CameraSpec:
-        return frame_subject(subject, bounds, up_axis=self._open().up_axis, aspect=framing.aspect)
+    def _around(self, views: Iterable[Seen], framing: Framing) -> CameraSpec:
+        return frame_all(views, up_axis=self._open().up_axis, aspect=framing.aspect)
 
     def _camera(self, path: str | None, framing: Framing) -> CameraSpec:
         if path is None:
-            scene = self._param.scene
-            return self._around(scene.seen(), scene.bounds(), framing)
+            return self._around([seen_of(self._param.scene)], framing)
         spec = self._index.find_camera(path).spec
         if spec is None:
             raise self._open().problems[path, "camera"]

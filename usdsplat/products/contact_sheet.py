@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from usdsplat.core.progress import Progress
-from usdsplat.delegate.default_camera import frame_subject, union
+from usdsplat.delegate.default_camera import frame_all, seen_of
 from usdsplat.delegate.engine import Engine
 from usdsplat.interchange.files import open_stage
 from usdsplat.products.display_image import Image, save_image
@@ -21,7 +21,6 @@ from usdsplat.products.planning import plan_pictures
 from usdsplat.products.preflight import go_to
 from usdsplat.products.request import PicturePlan, RenderRequest
 from usdsplat.render.specs import CameraSpec
-from usdsplat.render.subject import joined
 from usdsplat.schema.stage_values import up_axis
 
 WIDTH = 480
@@ -128,15 +127,12 @@ def _planned(paths: Sequence[Path], frame: float) -> tuple[PicturePlan, CameraSp
         plan = plan_pictures(engine, request)[0]
     if plan.camera is not None:
         return plan, None
-    subjects, bounds = [], []
+    views = []
     for path in paths:
         with Engine(open_stage(path), device="cpu", time=frame) as engine:
             engine.set_purposes(plan.purposes)
-            subjects.append(engine.render_scene.seen())
-            bounds.append(engine.render_scene.bounds())
-    aspect = plan.framing.aspect
-    found = frame_subject(joined(subjects), union(bounds), up_axis=up_axis(stage), aspect=aspect)
-    return plan, found
+            views.append(seen_of(engine.render_scene))
+    return plan, frame_all(views, up_axis=up_axis(stage), aspect=plan.framing.aspect)
 
 
 def _over(path: Path) -> Image:
