@@ -19,6 +19,7 @@ _MODULES = {
     "ImportOptions": "interchange",
     "LodOptions": "interchange.lod",
     "Opened": "preview.values",
+    "PageRequest": "products.page",
     "Picture": "preview.values",
     "RenderRequest": "products.request",
     "RenderSettings": "render.settings",
@@ -47,6 +48,7 @@ _MODULES = {
     "read_deep": "images.deep_reader",
     "save_view": "preview.saving",
     "schema": "schema",
+    "write_page": "products.page",
 }
 """Public name -> the module that has it, or that it is; after a colon, its name there."""
 
@@ -58,6 +60,7 @@ __all__ = [
     "ImportOptions",
     "LodOptions",
     "Opened",
+    "PageRequest",
     "Picture",
     "RenderRequest",
     "RenderSettings",
@@ -86,6 +89,7 @@ __all__ = [
     "read_deep",
     "save_view",
     "schema",
+    "write_page",
 ]
 
 

@@ -27,6 +27,8 @@ from usdsplat.preview.values import Picture as Picture
 from usdsplat.preview.values import SimulationStatus as SimulationStatus
 from usdsplat.preview.values import ViewState as ViewState
 from usdsplat.products.drawing import draw_frames as draw_frames
+from usdsplat.products.page import PageRequest as PageRequest
+from usdsplat.products.page import write_page as write_page
 from usdsplat.products.planning import plan_pictures as plan_pictures
 from usdsplat.products.preparing import DrawOptions as DrawOptions
 from usdsplat.products.request import RenderRequest as RenderRequest

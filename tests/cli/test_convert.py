@@ -300,3 +300,48 @@ def test_variants_are_counted_if_a_field_depends_on_them(run, tmp_path, count):
     status, out, _ = run("convert", tmp_path / "a.usda", tmp_path / "b.usda", "--packed")
     expected = {1: "1 field, 1 sample, 4 splats", 2: "1 field in 2 variants, 2 samples, 8 splats"}
     assert (status, out) == (0, f"{tmp_path}/b.usda: {expected[count]}, now packed\n")
+
+
+def test_a_page_is_made_of_a_stage_or_a_capture(run, run_json, shot, capture, tmp_path):
+    """Oracle: the report, as text and as JSON, and the files; the camera of the shot."""
+    status, out, _ = run("convert", shot, tmp_path / "a.html", "--frame", "2")
+    lines = out.splitlines()
+    assert (status, lines[0]) == (0, f"{tmp_path}/a.html: 300 splats, degree 1")
+    assert any(line.startswith("  camera /World/Cam") for line in lines)
+    assert any(line.startswith("  size   3.") and line.endswith("in 1 file") for line in lines)
+    assert any("the page shows frame 2: the animation of 1 field" in line for line in lines)
+    report = run_json(
+        *("convert", capture, tmp_path / "b" / "index.html", "--axes", "rub"),
+        *("--scale", "2", "--resolution", "640x480"),
+    )
+    assert (report["splats"], report["camera"], len(report["files"])) == (300, "", 5)
+    assert (tmp_path / "b" / "scene.sog").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("--packed",), "it with a stage that becomes a page, expected only --prim, --frame"),
+        (("--lod-error", "2"), "it with a stage that becomes a page"),
+        (("--camera", "Nope"), "--camera: found 'Nope', expected one of "),
+        (("--lod", "-1"), "expected a level, 0 the finest"),
+        (("--frames", "nonsense"), "--frames"),
+    ],
+)
+def test_a_page_takes_only_flags_that_it_has(run, shot, tmp_path, words, message):
+    """Oracle: one sentence, status 2, and no file."""
+    status, _, err = run("convert", shot, tmp_path / "a.html", *words)
+    assert (status, message in err, err.count("\n")) == (2, True, 1)
+    assert not (tmp_path / "a.html").exists()
+
+
+def test_a_strict_page_with_a_finding_is_not_written(run, shot, tmp_path):
+    """Oracle: a grade, which a page does not apply, and the folder before and after."""
+    stage = Usd.Stage.Open(str(shot))
+    schema.author_grade(stage.GetPrimAtPath("/World/Ball"), exposure=1.0)
+    stage.GetRootLayer().Save()
+    for target in (tmp_path / "a.html", tmp_path / "web" / "index.html"):
+        status, _, err = run("convert", shot, target, "--frame", "2", "--strict")
+        assert (status, "not-applied" in err or "a grade" in err) == (1, True)
+        assert not target.exists()
+    assert not (tmp_path / "web").exists()

@@ -57,7 +57,7 @@ def line(rng: random.Random, name: str) -> list[str]:
     if name == "render":  # small and short, if nothing else is asked for
         words += ["--resolution", "16x12", "--threads", "1"]
     flags = [each for each in known if not each.shown.is_positional]
-    for each in rng.choices(flags, k=rng.randint(0, 3)):
+    for each in rng.choices(flags, k=rng.randint(0, 3)) if flags else ():  # a worker has none
         words += spelled(rng, each)
     if rng.random() < 0.2:
         words.insert(rng.randint(0, len(words)), value(rng))

@@ -83,6 +83,13 @@ def test_bad_steps(run, scans, tmp_path, flags, sentence):
     assert sorted(each.name for each in tmp_path.iterdir()) == ["a.ply", "b.ply"]
 
 
+def test_a_folder_that_cannot_be_made_is_refused_before_the_first_task(run, scans, tmp_path):
+    """Oracle: one sentence; no task is tried."""
+    status, _, err = run("lod", *scans, "-o", scans[0] / "city.usda", *FLAGS, "--jobs", "1")
+    assert status == 2 and err.count("\n") == 1
+    assert "expected a place where a folder can be made" in err
+
+
 def test_building_needs_all_sorted_splats(run, run_json, scans, tmp_path):
     """Oracle: the sentence."""
     words = ("lod", *scans, "-o", tmp_path / "city.usda", *FLAGS)

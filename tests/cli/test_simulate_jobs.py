@@ -73,8 +73,25 @@ def test_a_bake_is_not_replaced_unasked(run, run_json, pushed, tmp_path):
     status, _, err = run(*words)
     assert status == 2 and "found a file, expected a new name, or --resume" in err
     status, _, err = run(*words, "--force")
-    assert status == 2 and "--force: found it with --jobs or --dask" in err
+    assert status == 2 and "--force: found it with --jobs, --dask or --openjd" in err
     assert (tmp_path / "b.usda").read_bytes() == before
+    inside = tmp_path / "b.usda" / "c.usda"
+    status, _, err = run("simulate", pushed, "-o", inside, *FRAMES, "--jobs", "1")
+    assert status == 2 and "found a file, " in err and "tried again" not in err
+
+
+@pytest.mark.parametrize("number", [1, 2])
+def test_one_combination_of_a_wedge_is_the_bake_of_this_name(run_json, pushed, tmp_path, number):
+    """Oracle: the bytes of a bake with --set; no other bake and no contact sheet is made."""
+    words = ("simulate", pushed, "-o", tmp_path / "one" / "b.usda", *FRAMES)
+    wedge = ("--wedge", "settle:omega=4,8", "--combination", number)
+    run_json(*words, *wedge, "--until", "2")
+    run_json(*words, *wedge, "--resume")
+    name, value = f"b_settle-omega={4 * number}.usda", f"settle:omega={4 * number}"
+    alone = ("simulate", pushed, "-o", tmp_path / "alone" / name, *FRAMES, "--set", value)
+    run_json(*alone)
+    assert files(tmp_path / "one") == files(tmp_path / "alone")
+    assert not list(tmp_path.glob("one/*.png"))
 
 
 @pytest.mark.slow

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import os
+
 import pytest
 
 from usdsplat.core.errors import OutputError
-from usdsplat.core.folders import made_folder
+from usdsplat.core.folders import check_folder, made_folder
 
 
 def test_missing_folders_are_made(tmp_path):
@@ -33,3 +35,16 @@ def test_a_folder_inside_a_file_is_refused(tmp_path):
     refused = pytest.raises(OutputError, match=r"file.*expected a place where a folder can be made")
     with refused, made_folder(tmp_path / "file" / "a"):
         pass
+
+
+def test_a_folder_is_checked_before_it_is_made(tmp_path, monkeypatch):
+    """Oracle: the sentences; nothing is made. Root may write everywhere, so `os.access` is asked
+    to say no."""
+    check_folder(tmp_path / "new" / "below")
+    (tmp_path / "file").touch()
+    with pytest.raises(OutputError, match=r"found a file, .*/file, expected a place"):
+        check_folder(tmp_path / "file" / "below")
+    monkeypatch.setattr(os, "access", lambda path, mode: False)
+    with pytest.raises(OutputError, match="found a folder without write permission"):
+        check_folder(tmp_path / "new" / "below")
+    assert [each.name for each in tmp_path.iterdir()] == ["file"]

@@ -87,3 +87,22 @@ def test_the_status_is_that_of_a_shell() -> None:
     numbers = (2, 15, 1)
     found = [interrupt.status(interrupt.Interrupted(number)) for number in numbers]
     assert found == [130, 143, 129]
+
+
+@pytest.mark.parametrize(
+    ("error", "left"),
+    [(None, ""), (ValueError, ""), (KeyboardInterrupt, "go on"), (interrupt.Interrupted, "go on")],
+    ids=str,
+)
+def test_advice_lasts_as_long_as_what_it_is_about(
+    error: type[BaseException] | None, left: str
+) -> None:
+    """Oracle: by hand: only an interruption leaves the advice, for the sentence at the end."""
+    try:
+        with interrupt.advising("go on"):
+            assert interrupt.advice() == "go on"
+            if error is not None:
+                raise error(2)
+    except (ValueError, KeyboardInterrupt):
+        pass
+    assert interrupt.advice() == left

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from hypothesis import given
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from usdsplat.core.errors import UsageError
@@ -46,6 +46,7 @@ def test_steps_without_a_common_parameter_follow_each_other_as_a_whole():
     assert {len(before) for task, before in job.needs().items() if task.step == "last"} == {3}
 
 
+@settings(suppress_health_check=[HealthCheck.too_slow])  # of a busy machine
 @given(
     st.lists(st.integers(-200, 200).map(lambda n: n / 4), min_size=1, max_size=40, unique=True),
     st.integers(1, 9),

@@ -87,6 +87,23 @@ def test_chosen_memory_for_nodes_is_kept_under_a_limit(
             next(pictures)
 
 
+def test_a_tile_counts_in_the_limit(tmp_path: Path) -> None:
+    """Oracle: closed form: 4 bytes for each channel of each pixel, which is kept until the tile is
+    written; a limit below the sum is an error."""
+    stage = Usd.Stage.Open(str(little_tree(tmp_path, ball(300))))
+    plan = replace(PLAN, aovs=("color", "Z"))
+    with Engine(stage, device="cpu") as engine:
+        view = engine.view(framing=PLAN.framing)
+        whole = budget(engine, plan, view, limit=None).estimate
+        tile = budget(engine, plan, view, limit=None, is_tile=True)
+        assert whole.kept == 0 and tile.estimate.kept == 640 * 480 * 5 * 4
+        assert tile.sentence().endswith(", 5.9 MiB for the tile")
+        deep = replace(plan, deep=True, aovs=("color",))
+        assert budget(engine, deep, view, limit=None, is_tile=True).estimate.kept > 0
+        with pytest.raises(UsageError, match="--memory-limit"):
+            budget(engine, plan, view, limit=tile.estimate.kept, is_tile=True)
+
+
 @pytest.mark.parametrize(("background", "each"), [((0.0, 0.0, 0.0), 12), (None, 40)])
 def test_the_encoder_of_a_webp_needs_memory_for_the_whole_picture(
     monkeypatch: pytest.MonkeyPatch, background: tuple[float, float, float] | None, each: int

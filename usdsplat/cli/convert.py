@@ -1,4 +1,4 @@
-"""Convert captures to a stage, a stage to captures, or either to another of its kind.
+"""Convert captures to a stage, a stage to captures, either to another of its kind, or to a page.
 
 examples:
   usdsplat convert scan.ply scan.usdc
@@ -21,6 +21,10 @@ examples:
       the same for each frame
   usdsplat convert city.usda web/lod-meta.json
       all levels of a splat tree as a streamed SOG, which PlayCanvas's viewers show
+  usdsplat convert shot.usd page.html --camera Cam
+      a page for browsers, one file that needs no server: splats of one frame, the moving camera
+  usdsplat convert city.usda page/index.html
+      the same for large captures: a folder for any host; splat trees are streamed
   usdsplat convert house.ply garden.sog both.ply
       several captures in one, in the coordinates of the first
   usdsplat convert cap.####.sog shot.usdc --frames 1-48 --rate 25
@@ -60,12 +64,13 @@ from usdsplat.core.errors import UsageError
 from usdsplat.core.folders import made_folder
 from usdsplat.core.output import output_group
 from usdsplat.core.text import shown
-from usdsplat.core.wording import counted
+from usdsplat.core.wording import counted, said_bytes
 
 if TYPE_CHECKING:
     from usdsplat.delegate.scene_delegate import Stage
     from usdsplat.interchange.converting import Report
-    from usdsplat.interchange.options import ExportOptions
+    from usdsplat.interchange.options import ExportOptions, ImportOptions, SequenceOptions
+    from usdsplat.products.page import PageReport, PageRequest
     from usdsplat.schema import Form
 
 __all__ = ["Options", "arranged", "run"]
@@ -79,17 +84,14 @@ def arranged(words: Sequence[str]) -> list[str]:
 
 def run(options: Options, reporter: Reporter) -> int:
     """Convert the files and print a report."""
-    from usdsplat.formats import ReadOptions
     from usdsplat.interchange import ImportReport, convert
-    from usdsplat.interchange.options import RATE, ImportOptions, SequenceOptions
+    from usdsplat.products.page import is_page, write_page
 
     if not options.others:
         raise UsageError("convert", "no OUT", "one; see 'usdsplat convert --help'")
     sources, target = [Path(options.source), *map(Path, options.others[:-1])], options.others[-1]
     edits = edits_of(options.edit)
     check(options, sources, target)
-    stage, frames, captures = options.stage_output, options.sequence, options.capture
-    form: Form = "packed" if stage.packed else "half" if stage.half else "float"
     with ExitStack() as during:
         stages = during.enter_context(
             _opened(sources, time_code(options.stage_input.frame), reporter)
@@ -102,30 +104,29 @@ def run(options: Options, reporter: Reporter) -> int:
             from usdsplat.kernels.compiling import on_compile
 
             during.enter_context(on_compile(reporter.announce_compilation(_COMPILING)))
-        report = convert(
-            sources,
-            target,
-            edits=edits,
-            options=ImportOptions(
-                form=form,
-                axes=captures.axes,
-                up_axis=stage.up_axis,
-                meters_per_unit=stage.meters_per_unit,
-                prim_path=options.prim,
-                bake_axes=stage.bake_axes,
-                cameras=stage.cameras,
-                reading=ReadOptions(lod=captures.lod or 0),
-            ),
-            export=export,
-            sequence=SequenceOptions(
-                frames=_frames(options),
-                clips=frames.clips,
-                rate=RATE if frames.rate is None else frames.rate,
-                interpolate=frames.interpolate,
-            ),
-            flatten=options.stage_input.flatten,
-            progress=during.enter_context(reporter.progress()),
-        )
+        progress = during.enter_context(reporter.progress())
+        made = _import_options(options)
+        if is_page(target):
+            report: Report = write_page(
+                sources,
+                target,
+                request=_page_request(options),
+                edits=edits,
+                options=made,
+                export=export,
+                progress=progress,
+            )
+        else:
+            report = convert(
+                sources,
+                target,
+                edits=edits,
+                options=made,
+                export=export,
+                sequence=_sequence_options(options),
+                flatten=options.stage_input.flatten,
+                progress=progress,
+            )
         if not isinstance(report, ImportReport):
             reporter.findings.extend(report.findings)
         reporter.findings.check()
@@ -134,6 +135,50 @@ def run(options: Options, reporter: Reporter) -> int:
     else:
         console.say(_told(report))
     return 0
+
+
+def _import_options(options: Options) -> ImportOptions:
+    """Return how captures are read, and stages written."""
+    from usdsplat.formats import ReadOptions
+    from usdsplat.interchange.options import ImportOptions
+
+    stage, captures = options.stage_output, options.capture
+    form: Form = "packed" if stage.packed else "half" if stage.half else "float"
+    return ImportOptions(
+        form=form,
+        axes=captures.axes,
+        up_axis=stage.up_axis,
+        meters_per_unit=stage.meters_per_unit,
+        prim_path=options.prim,
+        bake_axes=stage.bake_axes,
+        cameras=stage.cameras,
+        reading=ReadOptions(lod=captures.lod or 0),
+    )
+
+
+def _sequence_options(options: Options) -> SequenceOptions:
+    """Return how a sequence is read and written."""
+    from usdsplat.interchange.options import RATE, SequenceOptions
+
+    frames = options.sequence
+    return SequenceOptions(
+        frames=_frames(options),
+        clips=frames.clips,
+        rate=RATE if frames.rate is None else frames.rate,
+        interpolate=frames.interpolate,
+    )
+
+
+def _page_request(options: Options) -> PageRequest:
+    """Return the camera of a page."""
+    from usdsplat.products.page import PageRequest
+
+    return PageRequest(
+        camera=options.view.camera,
+        resolution=resolution_of(options.view.resolution),
+        frames=_frames(options),
+        background=options.view.background,
+    )
 
 
 def _frames(options: Options) -> tuple[float, ...] | None:
@@ -154,11 +199,12 @@ def _export_options(
     from usdsplat.interchange.options import ExportOptions
     from usdsplat.interchange.sequence_exporting import frames_of
     from usdsplat.interchange.tree_reading import TreeChoice
+    from usdsplat.products.page import is_page
 
     view, reads = options.view, options.stage_input
     time, findings = time_code(reads.frame), reporter.findings
     trees, trees_at = TreeChoice(level=options.capture.lod or 0, max_splats=reads.max_splats), {}
-    if view.camera is not None:
+    if view.camera is not None and not is_page(target):
         from usdsplat.products.tree_views import ViewRequest, choice_of, choices_of
 
         size = resolution_of(view.resolution)
@@ -213,6 +259,7 @@ def _told(report: Report) -> str:
         SequenceImportReport,
         SplitReport,
     )
+    from usdsplat.products.page import PageReport
 
     if isinstance(report, SplitReport):
         lines = [_told(part) for part in report.parts]
@@ -238,5 +285,15 @@ def _told(report: Report) -> str:
     else:
         lines += [f"  prim   {path}" for path in report.prim_paths]
         lines.append(f"  axes   {report.frame}")
+    if isinstance(report, PageReport):
+        lines += _told_of_page(report)
     lines += [f"  error  {name} {bound}" for name, bound in report.error_bounds.items()]
     return "\n".join([*lines, *(f"  note   {note}" for note in report.notes)])
+
+
+def _told_of_page(report: PageReport) -> list[str]:
+    """Return what is special about a page as lines of text."""
+    moves = f"{counted(len(report.frames), 'frame')}, {report.rate:g} per second"
+    camera = f"  camera {report.camera or 'automatic'}"
+    size = f"  size   {said_bytes(report.bytes)} in {counted(len(report.files), 'file')}"
+    return [camera + (f", {moves}" if len(report.frames) > 1 else ""), size]

@@ -50,7 +50,7 @@ class StageRead:
     variants, references and payloads, and write the converted fields over them"""
 
 
-LevelFlags: Any = flags_of(RenderSettings, ("lod_error", "splat_budget"))
+LevelFlags: Any = flags_of(RenderSettings, ("lod_error", "splat_budget", "background"))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,7 +59,8 @@ class ViewOptions(LevelFlags):
 
     camera: Annotated[str | None, option("CAMERA")] = None
     """path or name of the camera, also for each frame of a sequence; out of its view, trees are as
-    coarse as possible; --frame is then the first one of the stage by default"""
+    coarse as possible; --frame is then the first one of the stage by default; of a page, the camera
+    that it begins with, by default the one of render"""
     resolution: Annotated[str | None, option("WIDTHxHEIGHT")] = None
     """size of the picture in pixels; default: that of the product with the camera, or else of the
     first product, or 1920x1080"""
@@ -70,7 +71,7 @@ class Frames:
     """For sequences: IN or OUT with a placeholder for the frame number, such as cap.####.ply."""
 
     frames: Annotated[str | None, option("RANGE")] = None
-    """frames such as 7, 1-10, 1:10x2 or 1,5,8-12; default: all"""
+    """frames such as 7, 1-10, 1:10x2 or 1,5,8-12; of a page, those of its camera; default: all"""
     clips: Annotated[bool, option()] = False
     """write value clips instead of time samples: one file per frame in a folder beside OUT"""
     rate: Annotated[float | None, option("FPS")] = None
@@ -133,6 +134,13 @@ _OF_FRAMES = {
     (False, False): ("frames",),
 }
 """The same for sequences."""
+_OF_PAGE = {
+    True: (
+        *("prim", "frame", "frames", "camera", "resolution", "background", "lod", "max_splats"),
+    ),
+    False: ("axes", "lod", "resolution", "background"),
+}
+"""Input is a stage -> flags that apply to pages."""
 
 
 def switches() -> set[str]:
@@ -155,7 +163,11 @@ def check(options: Options, sources: Sequence[Path], target: str) -> None:
     from usdsplat.interchange.converting import check_sequences, check_target
     from usdsplat.interchange.files import is_usd
     from usdsplat.interchange.sequence_files import is_sequence
+    from usdsplat.products.page import is_page
 
+    if is_page(target):
+        _check_page(options, sources, target)
+        return
     becomes = is_usd(check_target(target))
     check_sequences(sources, Path(target))
     kinds = sorted({(is_usd(source), becomes) for source in sources})
@@ -169,17 +181,45 @@ def check(options: Options, sources: Sequence[Path], target: str) -> None:
             said = f"{words[0]} that becomes {words[1]}" + (", frame by frame" if of_frames else "")
             listed = ", ".join(map(_flag, meaningful))
             raise UsageError(_flag(name), f"it with {said}", f"only {listed}, or edits")
-    lod, version = options.capture.lod, options.capture.spz_version
-    if lod is not None and lod < 0:
-        raise UsageError("--lod", str(lod), "a level, 0 the finest")
-    most = options.stage_input.max_splats
-    if most is not None and most < 1:
-        raise UsageError("--max-splats", str(most), "at least 1")
+    _check_levels(options)
+    version = options.capture.spz_version
     _check_view(options, sources)
     if version is not None and not target.lower().endswith(".spz"):
         raise UsageError("--spz-version", target, "an .spz to write")
     if version not in (None, *SPZ_VERSIONS):
         raise UsageError("--spz-version", str(version), " or ".join(map(str, SPZ_VERSIONS)))
+
+
+def _check_page(options: Options, sources: Sequence[Path], target: str) -> None:
+    """Raise an error for a flag that a page does not have, or an invalid value.
+
+    Raises:
+        UsageError: If there is one.
+    """
+    from usdsplat.images.frame_numbers import has_place
+    from usdsplat.interchange.files import is_usd
+    from usdsplat.interchange.sequence_files import is_sequence
+
+    for name in (str(each) for each in (*sources, target)):
+        if is_sequence(Path(name)) or has_place(name):
+            raise UsageError(name, "a placeholder for the frame number", "none with a page")
+    is_stage = any(map(is_usd, sources))
+    meaningful = _OF_PAGE[is_stage]
+    for name in _given(options):
+        if name not in meaningful:
+            said = f"it with {'a stage' if is_stage else 'a capture'} that becomes a page"
+            listed = ", ".join(map(_flag, meaningful))
+            raise UsageError(_flag(name), said, f"only {listed}, or edits")
+    _check_levels(options)
+
+
+def _check_levels(options: Options) -> None:
+    """Raise an error for an invalid choice of levels of detail."""
+    lod, most = options.capture.lod, options.stage_input.max_splats
+    if lod is not None and lod < 0:
+        raise UsageError("--lod", str(lod), "a level, 0 the finest")
+    if most is not None and most < 1:
+        raise UsageError("--max-splats", str(most), "at least 1")
 
 
 def _check_view(options: Options, sources: Sequence[Path]) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, fields
@@ -13,15 +14,19 @@ from typing import TYPE_CHECKING, Annotated, Any, Self
 from usdsplat.cli import console
 from usdsplat.cli.arguments import option
 from usdsplat.cli.reporting import Reporter, ReportingOptions
+from usdsplat.core import interrupt
 from usdsplat.core.errors import JobError, StrictError, UsageError
 from usdsplat.core.wording import counted
 
 if TYPE_CHECKING:
+    from usdsplat.jobs.dask_cluster import DaskWorkers
     from usdsplat.jobs.job import Job
     from usdsplat.jobs.local import LocalWorkers
     from usdsplat.jobs.outcome import Outcome
 
 AUTO = "auto"
+USUAL_MEMORY = 1 << 30
+"""Memory that a process is expected to take where no limit is given [byte]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -29,7 +34,8 @@ class JobOptions:
     """Divide the work into tasks, see docs/farm.md."""
 
     jobs: Annotated[str | None, option("N|auto", excludes="--dask")] = None
-    """number of processes of this machine; auto: one for each core, or for each GPU"""
+    """number of processes of this machine; auto: one for each GPU, or for each core, but no more
+    than its free memory holds"""
     dask: Annotated[str | None, option("ADDRESS|local", excludes="--openjd")] = None
     """let a Dask scheduler run the tasks, such as tcp://host:8786; local starts one here"""
     openjd: Annotated[Path | None, option("FOLDER", excludes="--jobs")] = None
@@ -70,30 +76,43 @@ def check_jobs(options: JobOptions, *without: str) -> None:
         raise UsageError("--retries", str(options.retries), "0 or more")
 
 
+def resumed(arguments: Sequence[str]) -> str:
+    """Return the command that continues another one: with --resume, if it has such a flag."""
+    words = [word for word in arguments if word not in ("--force", "--resume")]
+    more = ["--resume"] if words[:1] in (["render"], ["simulate"]) else []
+    return shlex.join(["usdsplat", *words, *more])
+
+
 def of_task(reporting: ReportingOptions) -> ReportingOptions:
     """Return the options with which a task reports: its findings are in what it prints."""
     return ReportingOptions(quiet=True, strict=reporting.strict)
 
 
-def environments(options: JobOptions, *, device: str, threads: int | None) -> list[dict[str, str]]:
+def environments(
+    options: JobOptions, *, device: str, threads: int | None, memory: int | None = None
+) -> list[dict[str, str]]:
     """Return the variables of each process of this machine. They share its cores and its GPUs.
 
     Args:
         options: The options of the command.
         device: Name of the device; "auto" for a GPU if there is one.
         threads: Threads of each process; None shares the cores evenly.
+        memory: Memory that a process may take [byte]; None for `USUAL_MEMORY`.
 
     Raises:
         UsageError: If the number of processes is out of range.
     """
     from usdsplat.kernels.cuda.support import gpu_count
     from usdsplat.kernels.device import usual_threads
+    from usdsplat.render.memory import free
 
     cores = usual_threads()
     gpus = [] if device == "cpu" else _visible_gpus(gpu_count())
     text = options.jobs or AUTO
     if text == AUTO:
         count = len(gpus) or cores
+        if available := free():
+            count = max(1, min(count, available // (memory or USUAL_MEMORY)))
     else:
         most = 8 * (os.cpu_count() or 1)
         count = int(text) if text.isdecimal() and len(text) < 6 else 0
@@ -117,25 +136,41 @@ class JobRunner:
     Args:
         options: How tasks are run.
         reporter: Receives progress and findings.
-        workers: See `environments`.
+        environments: See `environments`.
     """
 
     def __init__(
-        self, options: JobOptions, reporter: Reporter, workers: Sequence[Mapping[str, str]]
+        self, options: JobOptions, reporter: Reporter, environments: Sequence[Mapping[str, str]]
     ) -> None:
-        self._options, self._reporter, self.workers = options, reporter, workers
+        self._options, self._reporter = options, reporter
+        self._environments = environments
         self._stack = ExitStack()
-        self._local: LocalWorkers | None = None
+        self._workers: LocalWorkers | DaskWorkers | None = None
 
     def __enter__(self) -> Self:
-        if self._options.dask is None and self._options.openjd is None:
+        """Start the processes, or connect to the cluster.
+
+        Raises:
+            BackendError: See `DaskWorkers`.
+        """
+        if self._options.dask is not None:
+            from usdsplat.cli.worker import run_on_dask_worker
+            from usdsplat.jobs.dask_cluster import DaskWorkers
+
+            made = DaskWorkers(self._options.dask, self._environments, run_on_dask_worker)
+            self._workers = self._stack.enter_context(made)
+        elif self._options.openjd is None:
             from usdsplat.jobs.local import LocalWorkers
 
-            self._local = self._stack.enter_context(LocalWorkers(self.workers))
+            self._workers = self._stack.enter_context(LocalWorkers(self._environments))
         return self
 
     def __exit__(self, *_: object) -> None:
         self._stack.close()
+
+    def __len__(self) -> int:
+        """Return the number of workers; 0 if a farm runs the tasks."""
+        return 0 if self._workers is None else len(self._workers)
 
     def run(self, job: Job) -> Iterator[dict[str, Any]]:
         """Run a job, print the findings of its tasks, and yield the JSON objects that they print.
@@ -148,7 +183,8 @@ class JobRunner:
         total = len(job.tasks())
         failed: list[Outcome] = []
         label = f"{job.name}, task"
-        with self._reporter.progress() as progress:
+        go_on = resumed(self._reporter.arguments)
+        with interrupt.advising(f"go on with: {go_on}"), self._reporter.progress() as progress:
             progress.step(label, 0, total)
             for done, outcome in enumerate(self._outcomes(job), 1):
                 progress.step(label, done, total)
@@ -166,21 +202,13 @@ class JobRunner:
             raise StrictError("--strict", f"findings in {job.name}", "none; nothing is written")
         if failed:
             count = f"{len(failed)} of {counted(total, 'task')} that failed"
-            raise JobError(
-                job.name,
-                count,
-                "none; the others are done, and the same command goes on"
-                " (render, simulate: with --resume)",
-            )
+            raise JobError(job.name, count, f"none; the others are done, go on with: {go_on}")
 
     def _outcomes(self, job: Job) -> Iterator[Outcome]:
-        retries = self._options.retries
-        if self._local is not None:
-            return self._local.run(job, retries=retries, say=self._reporter.remark)
-        from usdsplat.cli.worker import run_on_dask_worker
-        from usdsplat.jobs.dask_cluster import DaskCluster, run_on_dask
+        from usdsplat.jobs.local import LocalWorkers
 
-        cluster = DaskCluster(
-            address=self._options.dask or "", environments=self.workers, retries=retries
-        )
-        return run_on_dask(job, cluster, run_on_dask_worker)
+        assert self._workers is not None  # the caller writes a bundle for a farm
+        if isinstance(self._workers, LocalWorkers):
+            say = self._reporter.remark
+            return self._workers.run(job, retries=self._options.retries, say=say)
+        return self._workers.run(job, retries=self._options.retries)

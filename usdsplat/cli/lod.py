@@ -9,7 +9,8 @@ examples:
       the visible fields and trees of a stage, in world space, and the finest level of a streamed
       SOG with its environment
   usdsplat lod city_*.ply -o city.usda --jobs 2
-      with two processes of this machine; --dask tcp://host:8786 uses a cluster
+      with two processes of this machine; --dask tcp://host:8786 uses a cluster, and --openjd FOLDER
+      writes a bundle for a farm
   usdsplat lod scan.ply -o scan.usda --pixel 0.002
       with the size of a pixel of the photographs, if it is known
 
@@ -25,16 +26,15 @@ notes:
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field, replace
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from dataclasses import asdict, replace
+from typing import TYPE_CHECKING
 
 from usdsplat.cli import console
-from usdsplat.cli.arguments import option, positional
-from usdsplat.cli.job_options import JobOptions, JobRunner, check_jobs, environments, of_task
-from usdsplat.cli.reporting import Reporter, ReportingOptions
+from usdsplat.cli.job_options import check_jobs
+from usdsplat.cli.lod_job import run_parts, write_bundle
+from usdsplat.cli.lod_options import Options
+from usdsplat.cli.reporting import Reporter
 from usdsplat.cli.values import bytes_of, time_code
-from usdsplat.cli.words import words_of
 from usdsplat.core.errors import UsageError
 from usdsplat.core.folders import made_folder
 from usdsplat.core.text import shown
@@ -44,70 +44,26 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from usdsplat.core.findings import Finding
-    from usdsplat.core.progress import Progress
     from usdsplat.interchange.lod import LodOptions, LodReport
-
-
-STEPS = ("begin", "sort", "build")
-PARTS = 4
-"""Parts of each step, for each process."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Options:
-    """Arguments of `usdsplat lod`."""
-
-    sources: Annotated[tuple[Path, ...], positional("[IN ...] IN")]
-    """captures and stages to read, any number"""
-    output: Annotated[Path | None, option("OUT", short="-o")] = None
-    """USD file to write, .usd, .usda or .usdc; missing folders are made"""
-    memory_limit: Annotated[str | None, option("SIZE")] = None
-    """memory to use, such as 800M or 6G; what does not fit is on disk beside OUT until the end;
-    default: 4G"""
-    pixel: Annotated[float | None, option("SIZE")] = None
-    """size of a pixel of the photographs at the splats, in units of the first input: merged splats
-    get the low-pass of classic pictures at this size, at most that of all inputs; 0 for none;
-    default: as authored, else that of a picture of 540 lines that frames an input"""
-    leaf_splats: Annotated[int | None, option("N")] = None
-    """largest number of splats of a node, 256 to 65536; default: 16384"""
-    sh_degree: Annotated[int | None, option("DEGREE")] = None
-    """highest degree of the harmonics, 0 to 4; default: that of the inputs"""
-    axes: Annotated[str | None, option("AXES")] = None
-    """directions of x, y and z of all captures, such as rdf; default: auto: as stated in each file,
-    else as their splats suggest, else rdf"""
-    up_axis: Annotated[str | None, option("Y|Z")] = None
-    """up axis of OUT; default: that of the first input if it is a stage, else Y"""
-    meters_per_unit: Annotated[float | None, option("METRES")] = None
-    """length of one unit of all captures, and of OUT, in metres; default: as stated by their
-    formats, else 1"""
-    frame: Annotated[float | None, option("FRAME")] = None
-    """time code at which stages are read; default: their default values, or the first samples"""
-    step: Annotated[str | None, option("begin|sort|build")] = None
-    """do only this step of the building, for a farm: begin first, then sort and build in parts,
-    then the command without a step, which does what is left"""
-    part: Annotated[str | None, option("K/N")] = None
-    """part K, from 1, of N parts of --step sort or build, which may be done side by side"""
-    json: Annotated[bool, option()] = False
-    """print one JSON object with a report"""
-    job: JobOptions = field(default_factory=JobOptions)
-    reporting: ReportingOptions = field(default_factory=ReportingOptions)
 
 
 def run(options: Options, reporter: Reporter) -> int:
     """Build the tree, or a part of it, and print a report."""
-    from usdsplat.interchange.lod import build_tree
+    from usdsplat.interchange.lod import TreeStep, build_tree, take_step
     from usdsplat.kernels.compiling import on_compile
 
     if options.output is None:
         raise UsageError("lod", "no -o OUT", "one; see 'usdsplat lod --help'")
     _check_inputs(options)
-    check_jobs(options.job, "--openjd", "--chunk")
+    check_jobs(options.job, "--chunk")
     if options.part is not None and options.step is None:
         raise UsageError("--part", f"{options.part} without --step", "--step sort or build")
     if options.step is not None and options.job.is_asked:
-        raise UsageError("--step", "it with --jobs or --dask", "one of them")
+        raise UsageError("--step", "it with --jobs, --dask or --openjd", "one of them")
+    if options.job.openjd is not None:
+        return write_bundle(options, options.job.openjd, reporter)
     if options.job.is_asked:
-        _run_parts(options, reporter)
+        run_parts(options, options.output, reporter)
 
     def checked(findings: Iterable[Finding]) -> None:
         reporter.findings.extend(findings)
@@ -119,7 +75,8 @@ def run(options: Options, reporter: Reporter) -> int:
         reporter.progress() as progress,
     ):
         if options.step is not None:
-            _take_step(options, options.step, options.output, progress)
+            step, made = TreeStep.parse(options.step, options.part), _lod_options(options)
+            take_step(options.sources, options.output, step, options=made, progress=progress)
             if options.json:
                 reporter.print_json({})
             return 0
@@ -154,41 +111,6 @@ def _lod_options(options: Options) -> LodOptions:
         pixel=options.pixel,
         memory_limit=bytes_of(options.memory_limit) or MEMORY,
     )
-
-
-def _take_step(options: Options, step: str, target: Path, progress: Progress) -> None:
-    """Do one step of the building.
-
-    Raises:
-        UsageError: If there is no such step or part.
-    """
-    from usdsplat.interchange.lod import TreePart, begin_tree, build_part
-
-    if step not in STEPS:
-        raise UsageError("--step", repr(step), f"one of {', '.join(STEPS)}")
-    if (step == "begin") != (options.part is None):
-        found = f"{options.part or 'none'} with --step {step}"
-        raise UsageError("--part", found, "K/N with --step sort or build")
-    made = _lod_options(options)
-    if options.part is None:
-        begin_tree(options.sources, target, options=made, progress=progress)
-        return
-    part, sorts = TreePart.parse(options.part), step == "sort"
-    build_part(options.sources, target, part, sorts=sorts, options=made, progress=progress)
-
-
-def _run_parts(options: Options, reporter: Reporter) -> None:
-    """Do all steps but the last one as a job."""
-    from usdsplat.jobs.trees import tree_job
-
-    task = replace(
-        options, json=True, job=JobOptions(), reporting=of_task(options.reporting), step=None
-    )
-    workers = environments(options.job, device="cpu", threads=None)
-    job = tree_job(("lod", *words_of(task)), name="lod", parts=PARTS * len(workers))
-    with JobRunner(options.job, reporter, workers) as runner:
-        for _ in runner.run(job):
-            pass
 
 
 def _check_inputs(options: Options) -> None:

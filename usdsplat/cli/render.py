@@ -56,6 +56,7 @@ from usdsplat.cli.render_options import Options
 from usdsplat.cli.reporting import Reporter
 from usdsplat.cli.values import aovs_of, bytes_of, crop_of, names_of, overscan_of, resolution_of
 from usdsplat.core.errors import UsageError
+from usdsplat.core.folders import check_folder
 from usdsplat.core.progress import Progress
 from usdsplat.images.frame_numbers import parse_frames
 
@@ -76,7 +77,12 @@ def run(options: Options, reporter: Reporter) -> int:
     if options.threads is not None:
         images.limit_threads(options.threads)
     if options.job.is_asked:
-        workers = environments(options.job, device=options.device, threads=options.threads)
+        workers = environments(
+            options.job,
+            device=options.device,
+            threads=options.threads,
+            memory=drawing.memory_limit,
+        )
         with JobRunner(options.job, reporter, workers) as runner:
             return _run_tasks(options, drawing, runner, reporter)
     with _planning(options, reporter) as (progress, engine, plans, frames):
@@ -101,11 +107,14 @@ def _run_tasks(
     options: Options, drawing: DrawOptions, runner: JobRunner, reporter: Reporter
 ) -> int:
     """Plan the pictures, and let tasks draw them."""
-    from usdsplat.products.preparing import check_frames, work_of
+    from usdsplat.products.preparing import check_frames, files_of, work_of
 
     with _planning(options, reporter) as (_, engine, plans, frames):
         engine.expect(work_of(plans, frames))
         check_frames(engine, plans, frames, options=drawing, findings=reporter.findings)
+        if options.job.openjd is None:  # else the pictures lie elsewhere
+            for folder in {path.parent for group in files_of(plans, frames) for path in group}:
+                check_folder(folder)
         fits = any(plan.camera is None for plan in plans)
         task = as_task(options, engine.device, ends_of(frames) if fits else "", frames[0])
     return run_as_job(options, task, plans, frames, runner, reporter)

@@ -7,10 +7,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from usdsplat.cli import console
+from usdsplat.cli import bundles, console
 from usdsplat.cli.job_options import JobOptions, JobRunner, of_task
 from usdsplat.cli.render_options import Options
-from usdsplat.cli.reporting import Reporter, ReportingOptions
+from usdsplat.cli.reporting import Reporter
 from usdsplat.cli.values import bytes_of
 from usdsplat.cli.words import words_of
 from usdsplat.core.errors import UsageError
@@ -71,9 +71,9 @@ def run_as_job(
     """Run the pictures as tasks, and print each file when it is finished."""
     from usdsplat.products.preparing import files_of
 
-    chunk = options.job.chunk or max(1, len(frames) // (len(runner.workers) * TURNS))
     if options.job.openjd is not None:
         return _write_bundle(options, task, frames, reporter)
+    chunk = options.job.chunk or max(1, len(frames) // (len(runner) * TURNS))
     files = files_of(plans, frames)
     report = []
     for printed in runner.run(_job(options, task, frames, chunk)):
@@ -89,11 +89,6 @@ def run_as_job(
     return 0
 
 
-def _absolute(path: str | Path | None) -> str | None:
-    """Return a path that holds in any folder; None for none."""
-    return None if path is None else str(Path(path).absolute())
-
-
 def _job(options: Options, task: Options, frames: Sequence[float], chunk: int) -> Job:
     """Return the job of the options."""
     from usdsplat.jobs.frames import render_job
@@ -105,6 +100,8 @@ def _job(options: Options, task: Options, frames: Sequence[float], chunk: int) -
         name=f"render {options.stage.name}",
         chunk=chunk,
         tiling=None if options.tiles is None else Tiling.parse(options.tiles),
+        uses_gpu=task.device == "cuda",
+        memory=bytes_of(options.memory_limit),
     )
 
 
@@ -112,64 +109,43 @@ def _write_bundle(
     options: Options, task: Options, frames: Sequence[float], reporter: Reporter
 ) -> int:
     """Write the pictures as an Open Job Description bundle."""
-    from usdsplat.jobs.openjd import (
-        ASSETS,
-        TEMPLATE,
-        Bundle,
-        output_word,
-        stage_word,
-        template_of,
-        write_bundle,
-    )  # fmt: skip
-    from usdsplat.products.localizing import localize
+    from usdsplat.jobs.openjd import Bundle
 
-    folder = options.job.openjd
+    folder, opening, framing = options.job.openjd, options.stage_opening, options.framing
     assert folder is not None  # checked by the caller
-    if options.output is None:
-        raise UsageError("--openjd", "no --output", "-o FILE, whose name the pictures get")
-    if FileName.of(options.output).in_folder:
+    output = bundles.output_name(options.output)
+    if options.output is not None and FileName.of(options.output).in_folder:
         expected = "one in the name of the file only"
         raise UsageError("--output", f"{options.output}, a frame in a folder's name", expected)
     chunk = options.job.chunk or COLD
-    framing, opening = options.framing, options.stage_opening
     config = options.color.ocio_config
     if config and Path(config).is_file():
-        config = str(Path(config).absolute())
-    session = _absolute(opening.session_layer)
-    layer = None if session is None else Path(session)
-    read: list[str | Path | None] = [layer, config]
+        config = bundles.absolute(config)
+    session = opening.session_layer
+    read: list[str | Path | None] = [session, config]
     read += [frame_path(framing.holdout, each) for each in frames] if framing.holdout else []
-    files = (str(Path(path).absolute()) for path in read if path and Path(path).exists())
-    inputs = tuple(dict.fromkeys(files))
+    source = bundles.stage_source(options.stage)
     task = replace(
         task,
-        framing=replace(framing, holdout=_absolute(framing.holdout)),
-        stage_opening=replace(opening, session_layer=layer),
+        framing=replace(framing, holdout=bundles.absolute(framing.holdout)),
+        stage_opening=replace(opening, session_layer=session and session.absolute()),
         color=replace(options.color, ocio_config=config),
-        stage=Path(stage_word()),
-        output=output_word(Path(options.output).name),
+        stage=Path(source.word()),
+        output=output,
         json=False,
         resume=True,
-        reporting=ReportingOptions(strict=options.reporting.strict, progress="openjd"),
+        reporting=bundles.on_a_farm(options.reporting),
     )
-    job = _job(options, task, frames, chunk)
     bundle = Bundle(
         folder=folder,
-        stage=f"{ASSETS}/{options.stage.name}",
+        source=source,
+        results="pictures",
         frames=frames,
         chunk=chunk,
-        device=task.device,
-        memory=bytes_of(options.memory_limit),
-        inputs=inputs,
+        inputs=bundles.existing(read),
     )
-    template_of(job, bundle)
-    localize(options.stage, folder / ASSETS)
-    for path in write_bundle(job, bundle):
-        if path.name == TEMPLATE and not options.json:
-            console.say_path(path)
-    if options.json:
-        reporter.print_json({"template": str(folder / TEMPLATE)})
-    return 0
+    job = _job(options, task, frames, chunk)
+    return bundles.write(job, bundle, [options.stage], reporter, json=options.json)
 
 
 def say_end(

@@ -113,7 +113,8 @@ class Reporter:
 
 
 class Command(Protocol):
-    """Module of a command, see `main`; its options have a field `reporting`.
+    """Module of a command, see `main`; its options have a field `reporting`, if it has flags for
+    that.
 
     A module that does not use USD has the constant USES_USD = False.
     """
@@ -142,7 +143,7 @@ def reported(
     Returns:
         That of the command; 1 if the command is strict and there is an error or a warning.
     """
-    reporter = Reporter(options.reporting, arguments, keeper)
+    reporter = Reporter(getattr(options, "reporting", ReportingOptions()), arguments, keeper)
     findings = reporter.findings
     uses_usd = getattr(command, "USES_USD", True)
     try:

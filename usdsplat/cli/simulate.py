@@ -17,7 +17,8 @@ examples:
   usdsplat simulate grow.usda -o bake.usda --wedge rd:feed=0.03,0.05 settle:omega=4,8
       bake each combination beside bake.usda, and compare them on a contact sheet, bake.png
   usdsplat simulate grow.usda -o bake.usda --wedge rd:feed=0.03,0.05 --jobs 2
-      two bakes side by side; with --chunk each is divided at checkpoints, see docs/farm.md
+      two bakes side by side; with --chunk each is divided at checkpoints; --openjd FOLDER writes a
+      bundle for a farm, see docs/farm.md
   usdsplat simulate --list-parameters
       every parameter with its range, unit and meaning
 
@@ -31,92 +32,30 @@ notes:
 from __future__ import annotations
 
 import itertools
-import shlex
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 from usdsplat.cli import console
-from usdsplat.cli.arguments import option, positional
-from usdsplat.cli.job_options import JobOptions, JobRunner, check_jobs, environments, of_task
-from usdsplat.cli.reporting import Reporter, ReportingOptions
-from usdsplat.cli.stage_options import StageOptions
-from usdsplat.cli.values import time_code
-from usdsplat.cli.words import words_of
+from usdsplat.cli.job_options import check_jobs, resumed
+from usdsplat.cli.reporting import Reporter
+from usdsplat.cli.simulate_job import run_tasks, write_bundle
+from usdsplat.cli.simulate_options import BakeOrder, Options
 from usdsplat.core import interrupt
-from usdsplat.core.errors import OutputError, UsageError
+from usdsplat.core.errors import UsageError
 from usdsplat.images.frame_numbers import LIMIT, parse_frames
 
 if TYPE_CHECKING:
     from pxr import Usd
 
     from usdsplat.core.progress import Progress
-    from usdsplat.sim.stage.simulating import Existing, SimulateOptions
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Options:
-    """Arguments of `usdsplat simulate`."""
-
-    stage: Annotated[Path | None, positional("STAGE|CAPTURE")] = None
-    """stage with a SplatSim prim; with --preset the capture to make a stage for"""
-    output: Annotated[Path | None, option("FILE", short="-o")] = None
-    """layer of results to write, a .usda; with --preset the stage to make"""
-    frames: Annotated[str | None, option("A:B")] = None
-    """frames such as 1:100; default: the stage's range"""
-    preset: Annotated[str | None, option("grow|push|wade|conform|morph|dissolve|shatter")] = None
-    """make a stage that is ready for simulation, and stop"""
-    style: Annotated[str | None, option("NAME")] = None
-    """with --preset grow: look of the new matter, such as moss; default: coral"""
-    material: Annotated[str | None, option("NAME")] = None
-    """with a preset that takes one: what the capture is made of"""
-    target: Annotated[Path | None, option("STAGE|CAPTURE")] = None
-    """with --preset conform or morph: meshes to move onto, by default a ring, or a capture to
-    become"""
-    overrides: Annotated[tuple[str, ...], option("[/PRIM.]NAME=VALUE", name="set")] = ()
-    """value that overrides the stage's parameter, such as rd:preset=coral; may be repeated"""
-    wedge: Annotated[
-        tuple[str, ...], option("[/PRIM.]NAME=VALUE,VALUE ...", further=r"[^-=][^=]*:[^=]*=.*")
-    ] = ()
-    """bake every combination of these values, each in a layer beside the output that names them,
-    and draw a contact sheet, the output with .png"""
-    sheet_frame: Annotated[float | None, option("FRAME")] = None
-    """with --wedge: frame of the contact sheet; default: the last one"""
-    list_parameters: Annotated[bool, option()] = False
-    """print every parameter and stop"""
-    lod: Annotated[int | None, option("LEVEL", excludes="--max-splats")] = None
-    """level of splat trees to simulate, 0 is the finest; not with --max-splats"""
-    max_splats: Annotated[int | None, option("COUNT")] = None
-    """simulate each splat tree with at most so many splats, by refining its largest errors first;
-    default: as on the stage, else 1000000"""
-    until: Annotated[float | None, option("FRAME")] = None
-    """stop at the first checkpoint from this frame on; --resume goes on, with the same result"""
-    resume: Annotated[bool, option()] = False
-    """continue an interrupted bake, or add the further frames of --frames to a finished one"""
-    force: Annotated[bool, option()] = False
-    """replace an existing bake"""
-    drop_checkpoint: Annotated[bool, option()] = False
-    """do not keep the checkpoint from which frames can be added; with --resume also remove that of
-    a finished bake"""
-    axes: Annotated[str | None, option("AXES")] = None
-    """directions of a capture's x, y and z, such as rdf; default: auto: as stated in the file, else
-    as its splats suggest, else rdf"""
-    device: Annotated[str, option("NAME")] = "auto"
-    """device that computes, auto, cpu or cuda; default: auto, which is the CPU"""
-    threads: Annotated[int | None, option("N")] = None
-    """number of threads; default: USDSPLAT_THREADS, or all cores"""
-    json: Annotated[bool, option()] = False
-    """print one JSON object about the bake, or a JSON list of the parameters"""
-    job: JobOptions = field(default_factory=JobOptions)
-    stage_opening: StageOptions = field(default_factory=StageOptions)
-    reporting: ReportingOptions = field(default_factory=ReportingOptions)
 
 
 def run(options: Options, reporter: Reporter) -> int:
     """List parameters, make a stage, or simulate one."""
-    check_jobs(options.job, "--openjd")
+    check_jobs(options.job)
     if options.list_parameters:
         from usdsplat.cli import parameter_table
 
@@ -194,13 +133,15 @@ def _bake(options: Options, source: Path, target: Path, reporter: Reporter) -> i
     for text in (*_tree_overrides(options, stage), *options.overrides):
         override(stage, text)
     frames = _frames(options, stage)
-    if options.until is not None and options.wedge:
-        raise UsageError("--until", "--wedge too", "one of them")
-    if options.sheet_frame is not None and not options.wedge:
-        raise UsageError("--sheet-frame", f"{options.sheet_frame:g} without --wedge", "both")
+    _check_wedge(options)
+    order = BakeOrder(options=options, stage=stage, target=target, frames=frames)
+    if options.job.openjd is not None:
+        return write_bundle(order, source, options.job.openjd, reporter)
     if options.job.is_asked:
-        _run_tasks(options, stage, target, frames, reporter)
-        options = replace(options, resume=True)
+        run_tasks(order, reporter)
+        order = replace(order, options=replace(options, resume=True))
+    elif options.combination is not None:
+        order = _combination(order, options.combination)
     announce = reporter.announce_compilation(
         "compiling kernels, once for each kind of simulation; it takes up to a minute"
     )
@@ -208,110 +149,80 @@ def _bake(options: Options, source: Path, target: Path, reporter: Reporter) -> i
         compile_time() as compiled,
         reporter.progress(compiled) as progress,
         on_compile(announce),
-        advising(reporter.arguments, None if options.wedge else target),
+        advising(reporter.arguments, None if order.options.wedge else order.target),
     ):
-        order = _wedge if options.wedge else _simulate
-        order(options, stage, target, frames, reporter, progress)
+        bake = _wedge if order.options.wedge else _simulate
+        bake(order, reporter, progress)
     return 0
 
 
-def _run_tasks(
-    options: Options,
-    stage: Usd.Stage,
-    target: Path,
-    frames: tuple[float, ...],
-    reporter: Reporter,
-) -> None:
-    """Bake by tasks; what is left, such as the contact sheet, is done with --resume."""
-    from usdsplat.jobs.bakes import bake_job
-    from usdsplat.products.wedge import WedgeOptions, parse_axes, planned
+def _check_wedge(options: Options) -> None:
+    """Raise an error for a flag that has no effect with or without a wedge.
 
-    if options.force:  # tasks may be repeated, and would begin anew what others have done
-        raise UsageError("--force", "it with --jobs or --dask", "--resume, or a new name")
-    made: dict[Path, tuple[str, ...]] = {target: ()}
+    Raises:
+        UsageError: If there is one.
+    """
     if options.wedge:
-        how = WedgeOptions(simulate=simulate_options(options), frame=options.sheet_frame)
-        wedge = planned(stage, target, frames, parse_axes(options.wedge), how)
-        made = {each.target: each.settings for each in wedge}
-    elif target.exists() and not options.resume:
-        raise OutputError(str(target), "a file", "a new name, or --resume")
-    device = "cpu" if options.device == "auto" else options.device
-    task = replace(
-        options, json=True, job=JobOptions(), reporting=of_task(options.reporting), wedge=(),
-        sheet_frame=None, device=device, force=False, resume=False, until=None,
-    )  # fmt: skip
-    commands = {
-        path.name: (
-            "simulate",
-            *words_of(replace(task, output=path, overrides=(*options.overrides, *settings))),
-        )
-        for path, settings in made.items()
-    }
-    workers = environments(options.job, device=device, threads=options.threads)
-    job = bake_job(commands, frames, name="simulate", chunk=options.job.chunk, until=options.until)
-    with JobRunner(options.job, reporter, workers[: len(made)]) as runner:
-        for _ in runner.run(job):
-            pass
+        if options.until is not None and options.combination is None:
+            raise UsageError("--until", "--wedge too", "one of them, or --combination too")
+        if options.combination is not None and options.job.is_asked:
+            found = "it with --jobs, --dask or --openjd"
+            raise UsageError("--combination", found, "one of them")
+        return
+    if options.sheet_frame is not None:
+        raise UsageError("--sheet-frame", f"{options.sheet_frame:g} without --wedge", "both")
+    if options.combination is not None:
+        raise UsageError("--combination", f"{options.combination} without --wedge", "both")
 
 
-def _simulate(
-    options: Options,
-    stage: Usd.Stage,
-    target: Path,
-    frames: tuple[float, ...],
-    reporter: Reporter,
-    progress: Progress,
-) -> None:
+def _combination(order: BakeOrder, number: int) -> BakeOrder:
+    """Return the order of one bake of a wedge, whose values are given to the stage.
+
+    Raises:
+        UsageError: If there is no such bake.
+    """
+    from usdsplat.products.wedge import combinations, parse_axes
+    from usdsplat.sim.stage.overrides import override
+
+    made = combinations(parse_axes(order.options.wedge), order.target)
+    if not 1 <= number <= len(made):
+        raise UsageError("--combination", str(number), f"1 to {len(made)}")
+    found = made[number - 1]
+    for setting in found.settings:
+        override(order.stage, setting, where="--wedge")
+    return replace(order, target=found.target, options=replace(order.options, wedge=()))
+
+
+def _simulate(order: BakeOrder, reporter: Reporter, progress: Progress) -> None:
     """Order one bake, and print its report."""
     from usdsplat.sim.stage.simulating import simulate
 
     report = simulate(
-        stage, target, frames, simulate_options(options), progress=progress,
+        order.stage, order.target, order.frames, order.simulate, progress=progress,
         findings=reporter.findings, rates=rates_file(),
     )  # fmt: skip
-    if options.json:
+    if order.options.json:
         reporter.print_json(asdict(report))
         return
     if report.is_finished:
-        console.say_path(target)
-    if not options.job.is_asked:  # its tasks did the work
+        console.say_path(order.target)
+    if not order.options.job.is_asked:  # its tasks did the work
         reporter.remark(report.sentence())
 
 
-def _wedge(
-    options: Options,
-    stage: Usd.Stage,
-    target: Path,
-    frames: tuple[float, ...],
-    reporter: Reporter,
-    progress: Progress,
-) -> None:
+def _wedge(order: BakeOrder, reporter: Reporter, progress: Progress) -> None:
     """Order the bakes of a wedge, and print their names."""
-    from usdsplat.products.wedge import WedgeOptions, parse_axes, wedge
+    from usdsplat.products.wedge import parse_axes, wedge
 
-    how = WedgeOptions(simulate=simulate_options(options), frame=options.sheet_frame)
     report = wedge(
-        stage, target, frames, parse_axes(options.wedge), how, progress=progress,
-        findings=reporter.findings, rates=rates_file(),
+        order.stage, order.target, order.frames, parse_axes(order.options.wedge), order.wedge,
+        progress=progress, findings=reporter.findings, rates=rates_file(),
     )  # fmt: skip
-    if options.json:
+    if order.options.json:
         reporter.print_json(asdict(report))
         return
     for path in (*report.bakes, report.sheet):
         console.say_path(Path(path))
-
-
-def simulate_options(options: Options) -> SimulateOptions:
-    """Return the options of the simulation."""
-    from usdsplat.sim.stage.simulating import SimulateOptions
-
-    return SimulateOptions(
-        device=options.device,
-        threads=options.threads,
-        existing=_existing(options),
-        keeps_checkpoint=not options.drop_checkpoint,
-        until=time_code(options.until),
-    )
 
 
 def rates_file() -> Path | None:
@@ -322,12 +233,6 @@ def rates_file() -> Path | None:
     return None if kernels is None else kernels / "rates.json"
 
 
-def resumed(arguments: Sequence[str]) -> str:
-    """Return the command that continues another one."""
-    words = [word for word in arguments if word not in ("--force", "--resume")]
-    return shlex.join(["usdsplat", *words, "--resume"])
-
-
 @contextmanager
 def advising(arguments: Sequence[str], target: Path | None) -> Iterator[None]:
     """Tell how to go on if the context is interrupted.
@@ -336,10 +241,9 @@ def advising(arguments: Sequence[str], target: Path | None) -> Iterator[None]:
         arguments: The command line after the program's name.
         target: The bake; None for several.
     """
-    interrupt.advise(f"go on with: {resumed(arguments)}")
     try:
-        yield
-        interrupt.advise("")
+        with interrupt.advising(f"go on with: {resumed(arguments)}"):
+            yield
     except KeyboardInterrupt:
         from usdsplat.sim.stage.bake_layers import resume_frame
 
@@ -370,13 +274,6 @@ def _tree_overrides(options: Options, stage: Usd.Stage) -> tuple[str, ...]:
     if level is not None:
         return (f"sim:treeLevel={level}",)
     return ("sim:treeLevel=-1", f"sim:treeSplats={most}")
-
-
-def _existing(options: Options) -> Existing:
-    """Return how to treat an existing bake."""
-    if options.resume:
-        return "resume"
-    return "replace" if options.force else "error"
 
 
 def _frames(options: Options, stage: Usd.Stage) -> tuple[float, ...]:

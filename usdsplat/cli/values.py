@@ -6,6 +6,7 @@ import math
 import re
 
 from usdsplat.core.errors import UsageError
+from usdsplat.core.pairs import whole_pair
 from usdsplat.core.wording import UNITS
 from usdsplat.images.aovs import AOVS
 from usdsplat.products.request import MOST_PIXELS, Window
@@ -30,10 +31,10 @@ def resolution_of(text: str | None) -> tuple[int, int] | None:
     """
     if text is None:
         return None
-    match = re.fullmatch(r"([1-9]\d{0,5})x([1-9]\d{0,5})", text)
-    if not match:
+    found = whole_pair(text, "x")
+    if found is None:
         raise UsageError("--resolution", repr(text), "two numbers of pixels, such as 1920x1080")
-    return int(match[1]), int(match[2])
+    return found
 
 
 def names_of(text: str | None) -> tuple[str, ...] | None:

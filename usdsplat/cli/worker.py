@@ -8,12 +8,13 @@ notes:
   `usdsplat render --jobs` starts workers itself; this command is for other programs.
   Each line of stdin is a JSON object {"words": ["render", ...]}, a command line without the
   name of the program. Each line of stdout answers one: {"status": 0, "out": "...", "err": "..."},
-  the exit status and what the command wrote.
+  the exit status and what the command wrote. The answer to a line that is none has status 2.
   The stage of one command stays open for the next. The worker ends after the last line.
 """
 
 from __future__ import annotations
 
+import importlib
 import io
 import json
 import os
@@ -24,11 +25,11 @@ import sys
 import threading
 from collections.abc import Sequence
 from contextlib import redirect_stderr, redirect_stdout
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 from usdsplat.cli import console
-from usdsplat.cli.reporting import Reporter, ReportingOptions
+from usdsplat.cli.reporting import Reporter
 from usdsplat.core import interrupt
 from usdsplat.core.errors import UsageError
 from usdsplat.jobs.local import ANSWER, MARKED
@@ -38,6 +39,8 @@ if TYPE_CHECKING:
     from usdsplat.products.keeper import EngineKeeper
 
 USES_USD = False
+PRELOADED = ("usdsplat.products.drawing", "usdsplat.products.planning")
+"""Modules that are loaded before the first task comes: whoever sends it may still plan."""
 KEEPER = "usdsplat_keeper"
 """Attribute of a worker of Dask."""
 _ONE_AT_A_TIME = threading.Lock()
@@ -46,16 +49,15 @@ _ONE_AT_A_TIME = threading.Lock()
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Options:
-    """Arguments of `usdsplat worker`."""
-
-    reporting: ReportingOptions = field(default_factory=ReportingOptions)
+    """Arguments of `usdsplat worker`: none, since its commands have their own."""
 
 
 def run(options: Options, reporter: Reporter) -> int:
     """Carry out the commands of stdin."""
-    # loaded before the first task comes: whoever sends it may still plan
-    from usdsplat.products import drawing, planning  # noqa: F401
     from usdsplat.products.keeper import EngineKeeper
+
+    for name in PRELOADED:
+        importlib.import_module(name)
 
     lines: queue.Queue[str | None] = queue.Queue()
     of_job = bool(os.environ.get(MARKED))
@@ -63,7 +65,10 @@ def run(options: Options, reporter: Reporter) -> int:
     keeper = EngineKeeper()
     try:
         while (line := lines.get()) is not None:
-            result = carried_out(_words(line), keeper)
+            try:
+                result = carried_out(_words(line), keeper)
+            except UsageError as error:  # of the line; those of commands are results
+                result = TaskResult(status=2, err=f"usdsplat: {error}\n")
             interrupt.check()  # what was interrupted has no result: another worker takes the task
             answer = {name: value for name, value in asdict(result).items() if name != "host"}
             console.say(f"{ANSWER if of_job else ''}{json.dumps(answer)}")
@@ -104,7 +109,8 @@ def run_on_dask_worker(words: Sequence[str], folder: str, *before: object) -> di
     from usdsplat.jobs.dask_cluster import TaskFailed
     from usdsplat.products.keeper import EngineKeeper
 
-    host, worker = platform.node(), get_worker()
+    worker = get_worker()
+    host = f"{platform.node()} ({worker.address})"
     with _ONE_AT_A_TIME:
         try:
             os.chdir(folder)

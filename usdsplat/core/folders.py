@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -28,6 +29,19 @@ def made_folder(folder: Path) -> Iterator[None]:
             with suppress(OSError):  # another process may have written there in the meantime
                 each.rmdir()
         raise
+
+
+def check_folder(folder: Path) -> None:
+    """Raise an error unless files can be written in a folder, or it can be made.
+
+    Raises:
+        OutputError: If a folder above is a file, or nothing can be written there.
+    """
+    there = next((each for each in (folder, *folder.parents) if each.exists()), folder)
+    if not there.is_dir():
+        raise OutputError(str(folder), f"a file, {there}", "a place where a folder can be made")
+    if not os.access(there, os.W_OK | os.X_OK):
+        raise OutputError(str(folder), "a folder without write permission", "a writable folder")
 
 
 def _make(folder: Path) -> None:

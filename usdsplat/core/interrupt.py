@@ -9,7 +9,8 @@ file.
 from __future__ import annotations
 
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from types import FrameType
 
 SIGNALS = tuple(
@@ -85,6 +86,21 @@ def advise(text: str) -> None:
     _advice = text
     if _tell is not None:
         _tell(text)
+
+
+@contextmanager
+def advising(text: str) -> Iterator[None]:
+    """Advise this while the context lasts, and after it if it was interrupted."""
+    advise(text)
+    try:
+        yield
+    except KeyboardInterrupt:
+        raise
+    except BaseException:
+        if not _received:  # else this error may be what came of a lost interruption
+            advise("")
+        raise
+    advise("")
 
 
 def pass_advice_to(receiver: Callable[[str], None]) -> None:

@@ -31,6 +31,7 @@ __all__ = [
     "Capture",
     "ReadOptions",
     "WriteOptions",
+    "check_finite",
     "degree_written",
     "find",
     "frame_written",
@@ -144,8 +145,27 @@ def write(
     """
     path = Path(path)
     writer = _writer(path)
-    _check_finite(cloud, path)
+    check_finite(cloud, path)
     return writer.write(cloud, path, replace(how, progress=progress))
+
+
+def check_finite(cloud: SplatCloud, path: str | Path) -> None:
+    """Raise an error, before anything is written to `path`, for a number that is not finite.
+
+    Raises:
+        OutputError: If the cloud has one.
+    """
+
+    def check(rows: slice) -> None:
+        for field in ("positions", "scales", "rotations", "opacities", "sh"):
+            if not np.isfinite(getattr(cloud, field)[rows]).all():
+                expected = (
+                    "finite numbers; first drop splats with other values, for example with "
+                    "--drop-nan"
+                )
+                raise OutputError(str(path), f"{field} that are not finite", expected)
+
+    in_parallel(len(cloud), check)
 
 
 def frame_written(path: str | Path) -> str:
@@ -187,21 +207,6 @@ def suffixes_written() -> tuple[str, ...]:
     """Return the suffixes that can be written."""
     able = [module for module in FORMATS if hasattr(module, "write")]
     return tuple(suffix for module in able for suffix in module.SUFFIXES)
-
-
-def _check_finite(cloud: SplatCloud, path: Path) -> None:
-    """Raise an error, before anything is written, if the cloud has a number that is not finite."""
-
-    def check(rows: slice) -> None:
-        for field in ("positions", "scales", "rotations", "opacities", "sh"):
-            if not np.isfinite(getattr(cloud, field)[rows]).all():
-                expected = (
-                    "finite numbers; first drop splats with other values, for example with "
-                    "--drop-nan"
-                )
-                raise OutputError(str(path), f"{field} that are not finite", expected)
-
-    in_parallel(len(cloud), check)
 
 
 def _writer(path: Path) -> WritableFormat:

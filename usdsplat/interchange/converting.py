@@ -173,8 +173,10 @@ def check_target(target: Path | str) -> Path:
     known = (*formats.suffixes_written(), f"/{LOD_META}", *files.SUFFIXES)
     if not f"/{path.name.lower()}".endswith(known):
         found = f"suffix {path.suffix!r}"
+        if path.suffix.lower() == ".html":
+            raise UnknownFormatError(str(path), found, "another one: write_page writes pages")
         listed = [f"a folder with {end[1:]}" if end[0] == "/" else end for end in known]
-        raise UnknownFormatError(str(path), found, f"one of {', '.join(listed)}")
+        raise UnknownFormatError(str(path), found, f"one of {', '.join(listed)}, or .html")
     return path
 
 

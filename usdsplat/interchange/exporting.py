@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -277,8 +277,27 @@ def _written(
     capture = fitted(capture, target)
     how = replace(how, antialiased=capture.antialiased, frame=capture.frame)
     bounds = formats.write(capture.cloud, target, how=how, progress=progress)
+    return export_report(capture, prims, _name(source), target, bounds)
+
+
+def export_report(
+    capture: Capture,
+    prims: Sequence[Usd.Prim],
+    source: str,
+    target: Path,
+    bounds: Mapping[str, str],
+) -> ExportReport:
+    """Return the report of a capture of a stage.
+
+    Args:
+        capture: What was written.
+        prims: The fields, see `capture_of`.
+        source: Name of the stage.
+        target: Name of the file.
+        bounds: Error bounds of its format.
+    """
     return ExportReport(
-        source=_name(source),
+        source=source,
         target=str(target),
         prim_paths=tuple(str(prim.GetPath()) for prim in prims),
         splats=len(capture.cloud),

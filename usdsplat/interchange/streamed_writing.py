@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pxr import Usd
 
 from usdsplat import schema
 from usdsplat.core import edit, morton
@@ -38,7 +39,7 @@ UNIT = 1 << 19
 
 
 def write_streamed(
-    source: Path,
+    source: Path | Usd.Stage,
     target: Path,
     reading: StageReading,
     *,
@@ -51,7 +52,7 @@ def write_streamed(
     below them. Their splats, and the residents above, belong to the nearest leaf below their node.
 
     Args:
-        source: A USD file with splat trees and no fields.
+        source: A USD file, or a stage, with splat trees and no fields.
         target: `lod-meta.json` in a folder without other files, which exists.
         reading: What is read of the stage.
         axes: Axes of the file; None is "rdf", as is customary.
@@ -66,7 +67,7 @@ def write_streamed(
         raise OutputError(str(target), "no such folder", "an empty folder")
     if not all(is_private(each.name) for each in target.parent.iterdir()):
         raise OutputError(str(target), "a folder with other files", "a new or an empty folder")
-    stage = files.open_stage(source)
+    stage = source if isinstance(source, Usd.Stage) else files.open_stage(source)
     found, notes = appearances(stage, reading)
     frame = axes or FRAME
     turn = np.eye(4)

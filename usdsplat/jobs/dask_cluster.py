@@ -12,11 +12,11 @@ from __future__ import annotations
 
 import logging
 import os
+import time
 import uuid
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, suppress
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from contextlib import ExitStack, contextmanager, suppress
+from typing import TYPE_CHECKING, Any, Self
 
 from usdsplat import __version__
 from usdsplat.core import interrupt
@@ -32,8 +32,15 @@ LOOPBACK = "127.0.0.1"
 INSTALL = "pip install 'usdsplat[farm]'"
 PATIENCE = 15.0
 """Time to wait for a scheduler and a worker [s]."""
+DESERTED = 60.0
+"""Time after which a cluster without workers is given up [s]: others may be started meanwhile."""
 BEAT = 0.2
 """Time between looks at signals [s]."""
+ROUND = 5.0
+"""Time between looks at the workers [s]."""
+GPU, MEMORY = "GPU", "MEMORY"
+"""Resources that workers may declare: a number of GPUs, and bytes. Tasks that need them are sent to
+workers that have them, as soon as one worker declares them."""
 
 RunTask = Callable[..., dict[str, Any]]
 """Function that a worker calls with the words of a task and the folder in which they are read, and
@@ -56,70 +63,145 @@ class TaskFailed(Exception):
         self.words, self.status, self.reason, self.host = words, status, reason, host
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DaskCluster:
-    """Where tasks are run."""
+class DaskWorkers:
+    """The workers of a cluster, a context manager that connects to them.
 
-    address: str
-    """Address of a scheduler, such as "tcp://host:8786" or "tls://host:8786", or "local". TLS is
-    configured as `distributed` documents it."""
-    environments: Sequence[Mapping[str, str]]
-    """Variables of each worker of a local cluster."""
-    retries: int = 1
-    """How often a task that fails is tried again."""
-
-
-def run_on_dask(job: Job, cluster: DaskCluster, run_task: RunTask) -> Iterator[Outcome]:
-    """Run a job, and yield each task when it has ended. Closing the iterator cancels the others.
-
-    Raises:
-        BackendError: If Dask is not installed, or there is no scheduler or no suitable worker.
-        Interrupted: If the process was asked to end.
+    Args:
+        address: Address of a scheduler, such as "tcp://host:8786" or "tls://host:8786", or "local".
+            TLS is configured as `distributed` documents it.
+        environments: Variables of each worker of a local cluster.
+        run_task: What workers do with a task.
     """
-    with ExitStack() as stack:
-        client = _connected(cluster, stack)
+
+    def __init__(
+        self, address: str, environments: Sequence[Mapping[str, str]], run_task: RunTask
+    ) -> None:
+        self._address, self._environments, self._run_task = address, environments, run_task
+        self._where = f"--dask {address}"
+        self._stack = ExitStack()
+        self._resources: list[Mapping[str, float]] = []
+
+    def __enter__(self) -> Self:
+        """Connect to the cluster.
+
+        Raises:
+            BackendError: If Dask is not installed, or there is no scheduler or no suitable worker.
+        """
+        with ExitStack() as stack:
+            self._client = _connected(self._address, self._environments, stack)
+            self._resources = _checked_workers(self._client, self._where)
+            self._stack = stack.pop_all()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stack.close()
+
+    def __len__(self) -> int:
+        """Return the number of workers that were there at the beginning."""
+        return len(self._resources)
+
+    def run(self, job: Job, *, retries: int) -> Iterator[Outcome]:
+        """Run a job, and yield each task when it has ended. Closing the iterator cancels the
+        others.
+
+        Args:
+            job: The job.
+            retries: How often a task that fails is tried again.
+
+        Raises:
+            BackendError: If the scheduler or all workers end, or no worker has what a task needs.
+            Interrupted: If the process was asked to end.
+        """
         from distributed import CancelledError, Future
 
+        client, run = self._client, uuid.uuid4().hex[:8]
         needs = job.needs()
+        resources = {task: self._needed(task, job) for task in needs}
         futures: dict[Task, Any] = {}
-        run = uuid.uuid4().hex[:8]
         for number, (task, before) in enumerate(needs.items()):
             futures[task] = client.submit(
-                run_task,
+                self._run_task,
                 task.words,
                 os.getcwd(),
                 *(futures[each] for each in before),
                 key=f"usdsplat-{run}-{number}",
-                retries=cluster.retries,
+                retries=retries,
                 priority=len(before),  # tiles are joined as soon as they are drawn
+                resources=resources[task],
                 pure=False,
             )
         submitted = [future.key for future in futures.values()]
         try:
-            yield from _ended(futures)
+            yield from self._ended(futures)
         except (CancelledError, OSError) as error:
-            expected = "one that runs; --resume goes on"
             raise BackendError(
-                f"--dask {cluster.address}", "a scheduler that ended", expected
+                self._where, "a scheduler that ended", "one that runs; --resume goes on"
             ) from error
         finally:
             with suppress(Exception):  # the scheduler may be gone
                 client.cancel([Future(key, client) for key in submitted])
 
+    # --- private ---------------------------------------------------------------------------
 
-def _connected(cluster: DaskCluster, stack: ExitStack) -> Client:
+    def _needed(self, task: Task, job: Job) -> dict[str, float]:
+        """Return the resources of a worker that a task takes."""
+        needed: dict[str, float] = {GPU: 1.0} if task.uses_gpu else {}
+        if job.memory is not None:
+            needed[MEMORY] = float(job.memory)
+        declared = {name for each in self._resources for name in each}
+        needed = {name: amount for name, amount in needed.items() if name in declared}
+        if not any(all(each.get(n, 0) >= a for n, a in needed.items()) for each in self._resources):
+            asked = ", ".join(f"{name}={amount:.0f}" for name, amount in needed.items())
+            expected = f"one with --resources {asked!r}"
+            raise BackendError(self._where, "no worker that meets the needs of a task", expected)
+        return needed
+
+    def _ended(self, futures: dict[Task, Any]) -> Iterator[Outcome]:
+        """Yield tasks as they end."""
+        from distributed import wait
+
+        left = {future.key: (task, future) for task, future in futures.items()}
+        futures.clear()  # Dask repeats tasks whose results are still wanted when their worker dies
+        seen = looked = time.monotonic()
+        while left:
+            interrupt.check()
+            if time.monotonic() - looked > ROUND:
+                looked = time.monotonic()
+                if self._client.nthreads():
+                    seen = looked
+                elif looked - seen > DESERTED:
+                    found = "a cluster whose workers all ended"
+                    raise BackendError(self._where, found, "a worker; --resume goes on")
+            try:
+                waiting = [future for _, future in left.values()]
+                done = wait(waiting, timeout=BEAT, return_when="FIRST_COMPLETED").done
+            except TimeoutError:
+                continue
+            waiting.clear()
+            while done:
+                future = done.pop()
+                if future.status == "lost":  # it is computed again
+                    continue
+                task, _ = left.pop(future.key)
+                outcome = Outcome(task=task, result=_result(future, task))
+                del future
+                yield outcome
+
+
+def _connected(address: str, environments: Sequence[Mapping[str, str]], stack: ExitStack) -> Client:
     try:
         from distributed import Client
     except ImportError as error:
         raise BackendError("--dask", "no package distributed", INSTALL) from error
-    where = f"--dask {cluster.address}"
-    if cluster.address == LOCAL:
-        client = stack.enter_context(Client(stack.enter_context(_local_cluster(cluster))))
+    stack.enter_context(_quiet())
+    where = f"--dask {address}"
+    if address == LOCAL:
+        client = stack.enter_context(Client(stack.enter_context(_local_cluster(environments))))
     else:
-        if "://" not in cluster.address:
-            raise UsageError("--dask", repr(cluster.address), "local, or tcp://HOST:PORT")
+        if "://" not in address:
+            raise UsageError("--dask", repr(address), "local, or tcp://HOST:PORT")
         try:
-            client = stack.enter_context(Client(cluster.address, timeout=PATIENCE))
+            client = stack.enter_context(Client(address, timeout=PATIENCE))
         except (OSError, ValueError, TypeError) as error:  # TypeError: tls without its settings
             found = f"no scheduler ({str(error).splitlines()[0]})"
             raise BackendError(where, found, "one that runs") from error
@@ -127,11 +209,25 @@ def _connected(cluster: DaskCluster, stack: ExitStack) -> Client:
         client.wait_for_workers(1, timeout=PATIENCE)
     except TimeoutError as error:
         raise BackendError(where, "a scheduler without workers", "a worker") from error
-    _check_workers(client, where)
     return client
 
 
-def _local_cluster(cluster: DaskCluster) -> SpecCluster:
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep the client's messages from the terminal: what they tell of is said in one sentence."""
+    known = logging.Logger.manager.loggerDict  # Dask sets levels of its own for some
+    loggers = [logging.getLogger(name) for name in known if name.split(".")[0] == "distributed"]
+    levels = [log.level for log in loggers]
+    for log in loggers:
+        log.setLevel(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        for log, level in zip(loggers, levels, strict=True):
+            log.setLevel(level)
+
+
+def _local_cluster(environments: Sequence[Mapping[str, str]]) -> SpecCluster:
     """Start a scheduler, which only this machine reaches, and a process for each environment."""
     from distributed import Nanny, Scheduler, SpecCluster
 
@@ -139,55 +235,41 @@ def _local_cluster(cluster: DaskCluster) -> SpecCluster:
     options = {"nthreads": 1, "memory_limit": 0, "silence_logs": logging.CRITICAL}
     workers = {
         number: {"cls": Nanny, "options": {**options, "host": LOOPBACK, "env": dict(each)}}
-        for number, each in enumerate(cluster.environments)
+        for number, each in enumerate(environments)
     }
     scheduler = {"cls": Scheduler, "options": {"host": LOOPBACK, "dashboard": False, "port": 0}}
     return SpecCluster(workers=workers, scheduler=scheduler, silence_logs=logging.CRITICAL)
 
 
-def _check_workers(client: Client, where: str) -> None:
-    """Raise an error if a worker has no usdsplat, or another version."""
+def _checked_workers(client: Client, where: str) -> list[Mapping[str, float]]:
+    """Return the resources of each worker.
+
+    Raises:
+        BackendError: If a worker has no usdsplat, or another version.
+    """
     try:
-        versions = client.run(_version)
-    except Exception as error:
-        expected = "pip install 'usdsplat[farm]' on each"
-        raise BackendError(where, f"a worker without usdsplat ({error})", expected) from error
-    for address, version in versions.items():
-        if version != __version__:
-            found = f"usdsplat {version} on the worker {address}"
+        told = client.run(_described, on_error="return")
+    except Exception as error:  # such as a connection that is lost
+        raise BackendError(where, f"workers that do not answer ({error})", "some") from error
+    for address, answer in told.items():
+        if isinstance(answer, BaseException):
+            found = f"a worker without usdsplat, {address} ({' '.join(str(answer).split())})"
+            raise BackendError(where, found, f"{INSTALL} on each")
+        if answer[0] != __version__:
+            found = f"usdsplat {answer[0]} on the worker {address}"
             raise BackendError(where, found, f"usdsplat {__version__}")
+    return [answer[1] for answer in told.values()]
 
 
-def _version() -> str:
-    return __version__
-
-
-def _ended(futures: dict[Task, Any]) -> Iterator[Outcome]:
-    """Yield tasks as they end."""
-    from distributed import wait
-
-    left = {future.key: (task, future) for task, future in futures.items()}
-    futures.clear()  # Dask repeats tasks whose results are still wanted when their worker dies
-    while left:
-        interrupt.check()
-        try:
-            waiting = [future for _, future in left.values()]
-            done = wait(waiting, timeout=BEAT, return_when="FIRST_COMPLETED").done
-        except TimeoutError:
-            continue
-        waiting.clear()
-        while done:
-            future = done.pop()
-            if future.status == "lost":  # it is computed again
-                continue
-            task, _ = left.pop(future.key)
-            outcome = Outcome(task=task, result=_result(future, task))
-            del future
-            yield outcome
+def _described(dask_worker: Any) -> tuple[str, dict[str, float]]:
+    """Return the version of usdsplat, and the resources that a worker declares."""
+    return __version__, dict(dask_worker.state.total_resources)
 
 
 def _result(future: Any, task: Task) -> TaskResult | None:
     """Return the result of a future; None if a task before it failed."""
+    from distributed import KilledWorker
+
     if future.status == "finished":
         return TaskResult(**future.result())
     error = future.exception() if future.status == "error" else None
@@ -195,5 +277,10 @@ def _result(future: Any, task: Task) -> TaskResult | None:
         if tuple(error.words) != task.words:
             return None  # the error of a task before it
         return TaskResult(status=error.status, err=error.reason, host=error.host)
+    if isinstance(error, KilledWorker):
+        if error.task != future.key:
+            return None
+        reason = f"found {error.allowed_failures + 1} workers that died, expected one that does not"
+        return TaskResult(status=2, err=f"worker: {reason}", host=error.last_worker.address)
     reason = " ".join(str(error).split()) if error is not None else future.status
     return TaskResult(status=2, err=reason, host="the cluster")

@@ -14,7 +14,14 @@ FRAMES, TILE = "frames", "tile"
 
 
 def render_job(
-    command: Command, frames: Sequence[float], *, name: str, chunk: int, tiling: Tiling | None
+    command: Command,
+    frames: Sequence[float],
+    *,
+    name: str,
+    chunk: int,
+    tiling: Tiling | None,
+    uses_gpu: bool = False,
+    memory: int | None = None,
 ) -> Job:
     """Return the job of a `usdsplat render`.
 
@@ -24,6 +31,8 @@ def render_job(
         name: Name of the job.
         chunk: Number of frames of a task.
         tiling: Tiles that are drawn by tasks of their own; then a task joins those of a chunk.
+        uses_gpu: Whether a GPU draws. The task that joins tiles opens the device too.
+        memory: See `Job`.
 
     Raises:
         UsageError: If a chunk has no frame.
@@ -33,11 +42,14 @@ def render_job(
     chunks = Parameter(name=FRAMES, values=tuple(chunk_texts(frames, chunk)))
     command = (*command, Slot("--frames", FRAMES))
     if tiling is None:
-        return Job(name=name, steps=(Step(name=DRAW, command=command, space=(chunks,)),))
+        step = Step(name=DRAW, command=command, space=(chunks,), uses_gpu=uses_gpu)
+        return Job(name=name, steps=(step,), memory=memory)
     tiles = Parameter(name=TILE, values=tuple(str(n + 1) for n in range(len(tiling))))
-    draw = Step(name=DRAW, command=(*command, Slot("--tile", TILE)), space=(chunks, tiles))
-    join = Step(name=JOIN, command=(*command, "--tile=join"), space=(chunks,), after=(DRAW,))
-    return Job(name=name, steps=(draw, join))
+    drawing = (*command, Slot("--tile", TILE))
+    draw = Step(name=DRAW, command=drawing, space=(chunks, tiles), uses_gpu=uses_gpu)
+    joining = (*command, "--tile=join")
+    join = Step(name=JOIN, command=joining, space=(chunks,), after=(DRAW,), uses_gpu=uses_gpu)
+    return Job(name=name, steps=(draw, join), memory=memory)
 
 
 def chunk_texts(frames: Sequence[float], chunk: int) -> list[str]:

@@ -43,6 +43,8 @@ class Task:
     """Pairs of a parameter and its value."""
     words: tuple[str, ...]
     """Words after the name of the program."""
+    uses_gpu: bool = False
+    """Whether it needs a GPU."""
 
     @property
     def name(self) -> str:
@@ -60,13 +62,20 @@ class Step:
     after: tuple[str, ...] = ()
     """Names of earlier steps. A task begins when those of their tasks have ended that agree with it
     in all parameters that both have."""
+    uses_gpu: bool = False
+    """Whether its tasks need a GPU."""
 
     def tasks(self) -> Iterator[Task]:
         """Yield the tasks; the values of the last parameter change first."""
         for combination in itertools.product(*(each.values for each in self.space)):
             values = dict(zip((each.name for each in self.space), combination, strict=True))
             words = (w.filled(values) if isinstance(w, Slot) else w for w in self.command)
-            yield Task(step=self.name, values=tuple(values.items()), words=tuple(words))
+            yield Task(
+                step=self.name,
+                values=tuple(values.items()),
+                words=tuple(words),
+                uses_gpu=self.uses_gpu,
+            )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -75,6 +84,8 @@ class Job:
 
     name: str
     steps: tuple[Step, ...]
+    memory: int | None = None
+    """Memory that a task may need [byte]; None if unknown."""
 
     def tasks(self) -> list[Task]:
         """Return all tasks, by step."""

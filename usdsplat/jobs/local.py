@@ -58,6 +58,10 @@ class LocalWorkers:
         for each in self._processes:
             each.wait()
 
+    def __len__(self) -> int:
+        """Return the number of processes."""
+        return len(self._processes)
+
     def run(self, job: Job, *, retries: int = 1, say: Say = lambda text: None) -> Iterator[Outcome]:
         """Run a job, and yield each task when it has ended.
 

@@ -23,8 +23,8 @@ from usdsplat.jobs.job import Job, Parameter, Slot, Step
 TEMPLATE, VALUES, REFERENCES = "template.yaml", "parameter_values.yaml", "asset_references.yaml"
 ASSETS = "assets"
 """Folder of the inputs."""
-STAGE, OUTPUT, PROGRAM, FRAMES = "Stage", "OutputFolder", "Program", "Frames"
-"""Names of the parameters of the job."""
+OUTPUT, PROGRAM, FRAMES = "OutputFolder", "Program", "Frames"
+"""Names of the parameters of all jobs, and that of the frames of pictures."""
 MOST_VALUES = 1024
 """Maximum length of a list of values."""
 _NAME = 128
@@ -33,26 +33,42 @@ _CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f\ud800-\udfff]")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Source:
+    """The parameter of a job that says where its inputs are."""
+
+    name: str
+    """Name of the parameter."""
+    path: str
+    """Default, in the folder of the bundle."""
+    is_folder: bool
+    """Whether it is a folder, in which all inputs are."""
+    text: str
+    """What it is, for users."""
+
+    def word(self, inside: str = "") -> str:
+        """Return the word of a command that stands for the input, or for a file in its folder."""
+        return f"{_reference(self.name)}/{inside}" if self.is_folder else _reference(self.name)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Bundle:
     """What a bundle says beside the steps of its job."""
 
     folder: Path
-    stage: str
-    """Path of the stage or capture in the bundle."""
-    frames: Sequence[float]
-    """Time codes."""
-    chunk: int
-    """Frames of a task."""
-    device: str
-    """Device that draws: "cuda" asks for a GPU."""
-    memory: int | None = None
-    """Memory that a task needs [byte]; None if unknown."""
+    source: Source
+    results: str
+    """What is in the folder of the results, for users."""
+    frames: Sequence[float] = ()
+    """Time codes of pictures; empty for a job of other tasks."""
+    chunk: int = 1
+    """Frames of a task that draws."""
     inputs: tuple[str, ...] = ()
     """Absolute paths of files that are read where they lie."""
 
 
 def write_bundle(job: Job, bundle: Bundle) -> list[Path]:
-    """Write the files of a bundle whose inputs are in place, and return their paths.
+    """Write the files of a bundle whose inputs are in place, and return their paths, first the
+    template.
 
     JSON is YAML, so the files are written as JSON.
 
@@ -97,47 +113,53 @@ def template_of(job: Job, bundle: Bundle) -> dict[str, Any]:
     Raises:
         UsageError: If a word of a command cannot be in a template.
     """
+    source = bundle.source
     definitions: list[dict[str, Any]] = [
         {
-            "name": STAGE, "type": "PATH", "objectType": "FILE", "dataFlow": "IN",
-            "default": bundle.stage, "description": "stage or capture to render",
+            "name": source.name, "type": "PATH", "dataFlow": "IN",
+            "objectType": "DIRECTORY" if source.is_folder else "FILE",
+            "default": source.path, "description": source.text,
         },
         {
             "name": OUTPUT, "type": "PATH", "objectType": "DIRECTORY", "dataFlow": "OUT",
-            "default": "out", "description": "folder of the pictures",
+            "default": "out", "description": f"folder of the {bundle.results}",
         },
         {
             "name": PROGRAM, "type": "STRING", "default": "usdsplat",
             "description": "the program on the workers",
         },
     ]  # fmt: skip
-    whole = all(float(frame).is_integer() for frame in bundle.frames)
-    is_range = whole and _range(bundle.frames) is not None
-    if is_range:
+    frames = _range(bundle.frames)
+    if frames is not None:
         definitions.append(
             {
-                "name": FRAMES, "type": "STRING", "default": _range(bundle.frames),
+                "name": FRAMES, "type": "STRING", "default": frames,
                 "description": "frames to draw",
             }
         )  # fmt: skip
     return {
         "specificationVersion": "jobtemplate-2023-09",
-        **({"extensions": ["TASK_CHUNKING"]} if is_range else {}),
+        **({"extensions": ["TASK_CHUNKING"]} if frames else {}),
         "name": _CONTROL.sub("?", f"usdsplat {job.name}")[:_NAME],
         _DEFINITIONS: definitions,
-        "steps": [_step(each, bundle, is_range=is_range) for each in job.steps],
+        "steps": [
+            _step(each, bundle, is_range=frames is not None, memory=job.memory)
+            for each in job.steps
+        ],
     }
 
 
 def _range(frames: Sequence[float]) -> str | None:
-    """Return consecutive frames as a range; None if they are others."""
+    """Return consecutive frames as a range; None if they are others, or none."""
+    if not frames or not all(float(frame).is_integer() for frame in frames):
+        return None
     first = frames[0]
     if list(frames) != [first + i for i in range(len(frames))]:
         return None
     return f"{first:.0f}-{frames[-1]:.0f}"
 
 
-def _step(step: Step, bundle: Bundle, *, is_range: bool) -> dict[str, Any]:
+def _step(step: Step, bundle: Bundle, *, is_range: bool, memory: int | None) -> dict[str, Any]:
     """Return a step of the template."""
     program = _reference(PROGRAM)
     found: dict[str, Any] = {
@@ -149,30 +171,31 @@ def _step(step: Step, bundle: Bundle, *, is_range: bool) -> dict[str, Any]:
                     "actions": {
                         "onEnter": {
                             "command": program,
-                            "args": ["compile", "--device", bundle.device],
+                            "args": ["compile", "--device", "cuda" if step.uses_gpu else "cpu"],
                         }
                     }
                 },
             }
         ],
-        "parameterSpace": {
-            "taskParameterDefinitions": [
-                _space(each, bundle, is_range=is_range) for each in step.space
-            ]
-        },
         "script": {
             "actions": {
-                "onRun": {"command": program, "args": [_argument(word) for word in step.command]}
+                "onRun": {
+                    "command": program,
+                    "args": [_argument(word, bundle.source) for word in step.command],
+                }
             }
         },
     }
+    if step.space:
+        spaces = [_space(each, bundle, is_range=is_range) for each in step.space]
+        found["parameterSpace"] = {"taskParameterDefinitions": spaces}
     if step.after:
         found["dependencies"] = [{"dependsOn": name} for name in step.after]
     amounts = []
-    if bundle.device == "cuda" and not step.after:  # tiles are joined without it
+    if step.uses_gpu:
         amounts.append({"name": "amount.worker.gpu", "min": 1})
-    if bundle.memory is not None:
-        amounts.append({"name": "amount.worker.memory", "min": max(1, bundle.memory >> 20)})
+    if memory is not None:
+        amounts.append({"name": "amount.worker.memory", "min": max(1, memory >> 20)})
     if amounts:
         found["hostRequirements"] = {"amounts": amounts}
     return found
@@ -194,7 +217,7 @@ def _task_name(name: str) -> str:
     return name.capitalize()
 
 
-def _argument(word: str | Slot) -> str:
+def _argument(word: str | Slot, source: Source) -> str:
     """Return a word of a command in the template.
 
     Raises:
@@ -202,8 +225,7 @@ def _argument(word: str | Slot) -> str:
     """
     if isinstance(word, Slot):
         return f"{word.flag}={{{{Task.Param.{_task_name(word.parameter)}}}}}"
-    output = f"--output={_reference(OUTPUT)}/"
-    rest = "" if word == stage_word() else word.removeprefix(output)
+    rest = word.removeprefix(source.word()).removeprefix(f"--output={_reference(OUTPUT)}/")
     if "{{" in rest or "}}" in rest or _CONTROL.search(rest):
         raise UsageError("--openjd", repr(word), "a text without {{, }} and control characters")
     return word
@@ -214,15 +236,10 @@ def _reference(name: str) -> str:
     return f"{{{{Param.{name}}}}}"
 
 
-def stage_word() -> str:
-    """Return the word of a command that stands for the stage."""
-    return _reference(STAGE)
-
-
 def output_word(name: str) -> str:
-    """Return the path of an output in the folder of the pictures.
+    """Return the path of an output in the folder of the results.
 
     Args:
-        name: Name of the file, with a placeholder for the frame.
+        name: Name of the file; for pictures with a placeholder for the frame.
     """
     return f"{_reference(OUTPUT)}/{name}"

@@ -5,13 +5,17 @@ from __future__ import annotations
 from usdsplat.jobs.job import Command, Job, Parameter, Slot, Step
 
 
-def tree_job(command: Command, *, name: str, parts: int) -> Job:
-    """Return the job of a `usdsplat lod`, all but its end, which the command itself does.
+def tree_job(
+    command: Command, *, parts: int, memory: int | None = None, finishes: bool = False
+) -> Job:
+    """Return the job of a `usdsplat lod`.
 
     Args:
         command: The command without step and part.
-        name: Name of the job.
         parts: Number of tasks that sort, and of those that build.
+        memory: See `Job`.
+        finishes: Whether the last task is the command itself, which measures the errors and writes
+            the stage. Otherwise the caller does so.
     """
     values = tuple(f"{k + 1}/{parts}" for k in range(parts))
     # the parameters have different names: each part of the building needs all sorted splats
@@ -20,4 +24,6 @@ def tree_job(command: Command, *, name: str, parts: int) -> Job:
         space = (Parameter(name=parameter, values=values),)
         words = (*command, f"--step={step}", Slot("--part", parameter))
         steps.append(Step(name=step, command=words, space=space, after=(steps[-1].name,)))
-    return Job(name=name, steps=tuple(steps))
+    if finishes:
+        steps.append(Step(name="finish", command=command, after=(steps[-1].name,)))
+    return Job(name="lod", steps=tuple(steps), memory=memory)

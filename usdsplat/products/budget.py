@@ -49,6 +49,7 @@ class Budget:
             f"needs about {said_bytes(parts.total)}: {said_bytes(parts.held)} for the program and "
             f"the scene, {said_bytes(parts.splats)} for its visible part, "
             f"{said_bytes(parts.band)} for a band of {counted(parts.rows, 'row')}"
+            + (f", {said_bytes(parts.kept)} for the tile" if parts.kept else "")
         )
 
 
@@ -80,6 +81,7 @@ def budget(
     *,
     limit: int | None,
     held_nodes: float = 0.0,
+    is_tile: bool = False,
 ) -> Budget:
     """Choose the bands of a picture, at the engine's time.
 
@@ -87,6 +89,7 @@ def budget(
         view: The view of the picture.
         limit: Maximum memory [byte]; None for no limit.
         held_nodes: Mean number of nodes in a pixel of a deep holdout.
+        is_tile: Whether all pixels are kept until the end, see `tiles.draw_tile`.
 
     Raises:
         UsageError: If bands of one row of tiles take more than the limit.
@@ -105,9 +108,12 @@ def budget(
         pictures=2 if plan.needs_flat else 1,
     )
 
+    kept = width * (y1 - y0) * _kept_bytes(plan) if is_tile else 0
+
     def needed(tiles: int) -> Estimate:
         found = engine.estimate(view, plan.settings, request, band_pixels=tiles * TILE * width)
-        return replace(found, band=found.band + _encoded(plan) * width * (y1 - y0))
+        band = found.band + _encoded(plan) * width * (y1 - y0)
+        return replace(found, band=band, kept=kept)
 
     all_tiles = y1 // TILE - y0 // TILE + (y1 % TILE > 0)
     most = max(1, min(usual // width // TILE, all_tiles))
@@ -131,3 +137,12 @@ def budget(
         node_bytes=held_node_bytes(engine.render_scene, view, plan.settings) + left,
         estimate=estimate,
     )
+
+
+def _kept_bytes(plan: PicturePlan) -> int:
+    """Return the bytes of a pixel of a tile; for deep ones, which are copied once, an estimate."""
+    settings = plan.settings
+    if plan.deep:
+        return 2 * deep_bytes(settings, len(deep_ids(plan.aovs)))
+    drawn = (AOVS[name].with_rank(settings.crypto_rank) for name in plan.aovs)
+    return 4 * sum(len(aov.channels) for aov in drawn)

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 from pathlib import Path
 
-from pxr import UsdUtils
+from pxr import Sdf, UsdUtils
 
 from usdsplat.core.errors import OutputError, StageError
 from usdsplat.interchange.files import capture_files, is_usd
+from usdsplat.schema.usd_files import export_layer
 
 
 def localize(source: Path, folder: Path) -> Path:
@@ -40,6 +42,8 @@ def localize(source: Path, folder: Path) -> Path:
                 shutil.copyfile(file, inside)
         elif not UsdUtils.LocalizeAsset(str(source), str(folder), False) or not target.is_file():
             raise StageError(str(source), "files that cannot be copied", "a stage without errors")
+        else:
+            _anchor(folder)
     except BaseException as error:
         shutil.rmtree(folder, ignore_errors=True)
         if isinstance(error, OSError) and not isinstance(error, OutputError):
@@ -52,3 +56,27 @@ def localize(source: Path, folder: Path) -> Path:
 def _beside(target: Path, source: Path, file: Path) -> Path:
     """Return the copy of a file that lies in the folder of a source, or below."""
     return target.parent / file.relative_to(source.absolute().parent)
+
+
+def _anchor(folder: Path) -> None:
+    """Make the paths of copied layers relative to the layers themselves.
+
+    `UsdUtils` writes paths in the folder, which USD finds only while a layer of the folder is the
+    root layer. A bake that has the copied stage as a sublayer is another one.
+    """
+    for file in sorted(folder.rglob("*")):
+        if not is_usd(file) or file.suffix == ".usdz" or not file.is_file():
+            continue
+        layer = Sdf.Layer.OpenAsAnonymous(str(file))
+        moved: list[str] = []
+
+        def anchored(path: str, file: Path = file, moved: list[str] = moved) -> str:
+            there = path.replace("<UDIM>", "1001")
+            if not path or (file.parent / there).exists() or not (folder / there).exists():
+                return path
+            moved.append(path)
+            return os.path.relpath(folder / path, file.parent)
+
+        UsdUtils.ModifyAssetPaths(layer, anchored)
+        if moved:
+            export_layer(layer, file)

@@ -95,6 +95,11 @@ class Preparation:
         """Return the stamp of a tile."""
         return stamp(self.whole[plan], frame, self.cameras[plan], source=self.hash)
 
+    def has_tile(self, engine: Engine, step: TileStep, job: _Job) -> bool:
+        """Return whether the tile of a step is drawn, as it would be drawn now."""
+        plan, frame, path = job
+        return is_drawn(step.path(path), self.stamp(plan, frame), engine.device)
+
 
 def prepared(
     engine: Engine,
@@ -106,44 +111,52 @@ def prepared(
     """Check everything before the first picture is drawn."""
     plans = [with_node_memory(plan, options.memory_limit) for plan in plans]
     whole = {options.tile.planned(plan) if options.tile else plan: plan for plan in plans}
-    files_of(plans, frames)  # raises an error if two pictures have one file
-    fitted = options.fitted or frames
-    cameras = {plan: _framing_camera(engine, whole[plan], fitted) for plan in whole}
+    jobs = _undrawn(engine, whole, frames, options, findings)
+    cameras: dict[PicturePlan, CameraSpec | None] = {}
     source = ""
-    if options.tile is not None:
-        source = stage_hash(engine) or source_hash([str(path) for path in options.files])
-    jobs = _jobs(engine, whole, frames, options, findings, cameras, source)
+    if jobs:
+        fitted = options.fitted or frames
+        cameras = {plan: _framing_camera(engine, whole[plan], fitted) for plan in whole}
+        if options.tile is not None:
+            source = stage_hash(engine) or source_hash([str(path) for path in options.files])
+    budgets: dict[PicturePlan, Budget] = {}
+    found = Preparation(jobs, cameras, budgets, whole, source)
+    if options.existing == "resume" and options.tile is not None and not options.tile.joins:
+        jobs[:] = [job for job in jobs if not found.has_tile(engine, options.tile, job)]
     engine.expect(work_of(list(whole), frames))
     if engine.remark:
         findings.say(engine.remark)
     holdouts = _opened(jobs)
-    budgets = _budgets(engine, jobs, cameras, holdouts, options.memory_limit, findings)
+    budgets |= _budgets(engine, found, holdouts, options, findings)
     if findings.is_strict:
         for plan, frame, _ in jobs:
             findings.extend(findings_of(engine, plan, frame, cameras[plan]))
             if wrong := lacking_depth(plan, holdout_of(plan, frame)):
                 findings.add(wrong)
         findings.check()
-    return Preparation(jobs, cameras, budgets, whole, source)
+    return found
 
 
 def _budgets(
     engine: Engine,
-    jobs: Sequence[_Job],
-    cameras: dict[PicturePlan, CameraSpec | None],
+    ready: Preparation,
     holdouts: dict[PicturePlan, Holdout | None],
-    limit: int | None,
+    options: DrawOptions,
     findings: Findings,
 ) -> dict[PicturePlan, Budget]:
     """Choose the bands of each picture by its first frame, before any picture is drawn."""
     budgets: dict[PicturePlan, Budget] = {}
-    for plan, frame, path in jobs:
+    limit = options.memory_limit
+    is_tile = options.tile is not None and not options.tile.joins
+    for plan, frame, path in ready.jobs:
         if plan in budgets:
             continue
-        view = go_to(engine, plan, frame, cameras[plan])
+        view = go_to(engine, plan, frame, ready.cameras[plan])
         holdout = holdouts[plan]
         nodes = 0.0 if holdout is None else holdout.nodes
-        found = budgets[plan] = budget(engine, plan, view, limit=limit, held_nodes=nodes)
+        found = budgets[plan] = budget(
+            engine, plan, view, limit=limit, held_nodes=nodes, is_tile=is_tile
+        )
         findings.extend(plan.findings)
         if plan.deep:
             findings.say(remarks.what_is_forced(plan))
@@ -195,21 +208,17 @@ def _is_joined(engine: Engine, step: TileStep | None, whole: PicturePlan, job: _
     return not difference(whole, frame, path, stage_hash=stage_hash(engine))
 
 
-def _jobs(
+def _undrawn(
     engine: Engine,
     plans: dict[PicturePlan, PicturePlan],
     frames: Sequence[float],
     options: DrawOptions,
     findings: Findings,
-    cameras: dict[PicturePlan, CameraSpec | None],
-    source: str,
 ) -> list[_Job]:
-    """Return the pictures to draw with their files, frame by frame.
+    """Return the pictures whose files are to be written, frame by frame.
 
     Args:
         plans: Plan of what is drawn -> plan of the picture.
-        cameras: Cameras of pictures that have none on the stage.
-        source: See `Preparation.hash`.
     """
     names = files_of(list(plans.values()), frames)
     jobs = [
@@ -224,18 +233,14 @@ def _jobs(
         if there is not None:
             raise OutputError(str(there), "a file", "a new name")
         return jobs
-    left, current, step = [], stage_hash(engine), options.tile
+    left, current = [], stage_hash(engine)
     for plan, frame, path in jobs:
-        whole = plans[plan]
-        found = difference(whole, frame, path, stage_hash=current) if path.exists() else ""
+        is_there = path.exists()
+        found = difference(plans[plan], frame, path, stage_hash=current) if is_there else ""
         if found:
             findings.say(f"{path}: found {found}; it is drawn again")
-        is_done = path.exists() and not found
-        if is_done and step is not None:
-            remove_tiles(path)  # a join that was killed may have left some
-        elif step is not None and not step.joins:
-            stamped = stamp(whole, frame, cameras[plan], source=source)
-            is_done = is_drawn(step.path(path), stamped, engine.device)
-        if not is_done:
+        if found or not is_there:
             left.append((plan, frame, path))
+        elif options.tile is not None:
+            remove_tiles(path)  # a join that was killed may have left some
     return left

@@ -22,6 +22,7 @@ from usdsplat import __version__
 from usdsplat.core.cloud import I64
 from usdsplat.core.errors import FormatError, OutputError, UsageError
 from usdsplat.core.folders import made_folder
+from usdsplat.core.pairs import whole_pair
 from usdsplat.delegate.engine import Engine
 from usdsplat.images.deep import DeepBand
 from usdsplat.images.frame_numbers import frame_path
@@ -60,11 +61,11 @@ class Tiling:
         Raises:
             UsageError: If it is anything else.
         """
-        match = re.fullmatch(r"([1-9]\d?)x([1-9]\d?)", text)
-        if not match or max(int(match[1]), int(match[2])) > MOST:
+        found = whole_pair(text, "x")
+        if found is None or max(found) > MOST:
             expected = f"COLUMNSxROWS, each 1 to {MOST}, such as 2x2"
             raise UsageError("--tiles", repr(text), expected)
-        return cls(int(match[1]), int(match[2]))
+        return cls(*found)
 
     def __str__(self) -> str:
         return f"{self.columns}x{self.rows}"

@@ -61,8 +61,7 @@ HOLDOUT_NODE, STRIP_NODE = 16, 110
 """Bytes per node of a deep holdout: depth and transmittance in strips and joined; and while the
 nodes of a strip are computed."""
 PLAIN_VIEW, OCIO_VIEW = 135, 60
-"""Bytes per pixel that a view transform takes for unpremultiplied colours and copies: float64
-without OCIO settings, float32 with them."""
+"""Bytes per pixel of a view transform's colours and copies: float64; float32 with OCIO settings."""
 PIXELS = {
     "Neye": "normals",
     "Naxis": "axes",
@@ -89,11 +88,13 @@ class Estimate:
     """Pixels of a band, its tile lists, and rows that are being written."""
     rows: int
     """Rows of a band."""
+    kept: int = 0
+    """Pixels of all bands, of a tile that is written at its end."""
 
     @property
     def total(self) -> int:
         """The sum of all parts."""
-        return self.held + self.splats + self.band
+        return self.held + self.splats + self.band + self.kept
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -261,8 +262,7 @@ def resident() -> int:
 
 
 def free() -> int:
-    """Return the bytes that are available without swapping; 0 if the system does not report
-    them."""
+    """Return the bytes available without swapping; 0 if the system does not report them."""
     return _said("/proc/meminfo", "MemAvailable")
 
 

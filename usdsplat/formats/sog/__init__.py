@@ -11,6 +11,7 @@ specifies axes "rub", but files of PlayCanvas's tools keep the axes of their sou
 from __future__ import annotations
 
 from collections.abc import Mapping
+from io import BytesIO
 from pathlib import Path
 
 from usdsplat.core.cloud import SplatCloud
@@ -19,7 +20,7 @@ from usdsplat.formats.cloud_builder import CloudBuilder
 from usdsplat.formats.options import READ_OPTIONS, WRITE_OPTIONS, ReadOptions, WriteOptions
 from usdsplat.formats.sog import target
 from usdsplat.formats.sog.decoding import read_codes, survey
-from usdsplat.formats.sog.encoding import encode
+from usdsplat.formats.sog.encoding import EncodedSog, encode
 from usdsplat.formats.sog.files import open_sog
 from usdsplat.formats.sog.meta import META
 
@@ -84,14 +85,32 @@ def write(cloud: SplatCloud, path: Path, how: WriteOptions = WRITE_OPTIONS) -> M
     Raises:
         OutputError: If the target cannot be written.
     """
-    encoded = encode(
-        str(path),
-        cloud,
-        antialiased=how.antialiased,
-        told=lambda done: how.progress.step(f"writing {path}", done, len(cloud)),
-    )
+    encoded = _encoded(cloud, str(path), how)
     if path.name.lower() == META:
         target.write_folder(path, encoded)
     else:
         target.write_archive(path, encoded)
     return ERROR_BOUNDS
+
+
+def archive(cloud: SplatCloud, name: str, how: WriteOptions = WRITE_OPTIONS) -> bytes:
+    """Return the file that `write` makes, for a file of another format that holds it.
+
+    Args:
+        cloud: As for `write`.
+        name: Name of that file, for messages.
+        how: As for `write`.
+    """
+    file = BytesIO()
+    target.write_zip(file, _encoded(cloud, name, how))
+    return file.getvalue()
+
+
+def _encoded(cloud: SplatCloud, name: str, how: WriteOptions) -> EncodedSog:
+    """Encode a cloud; `name` is for messages."""
+    return encode(
+        name,
+        cloud,
+        antialiased=how.antialiased,
+        told=lambda done: how.progress.step(f"writing {name}", done, len(cloud)),
+    )

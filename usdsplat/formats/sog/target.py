@@ -7,6 +7,7 @@ import re
 import zipfile
 from collections.abc import Collection
 from pathlib import Path
+from typing import IO
 
 from usdsplat.core.errors import FormatError, OutputError
 from usdsplat.core.output import is_private, output_file, output_group, write_output
@@ -23,11 +24,13 @@ def write_archive(path: Path, sog: EncodedSog) -> None:
     Raises:
         OutputError: If the target cannot be written.
     """
-    with (
-        output_file(path) as output,
-        output.open() as file,
-        zipfile.ZipFile(file, "w", zipfile.ZIP_STORED) as archive,
-    ):
+    with output_file(path) as output, output.open() as file:
+        write_zip(file, sog)
+
+
+def write_zip(file: IO[bytes], sog: EncodedSog) -> None:
+    """Write a zip archive without compression to an open file."""
+    with zipfile.ZipFile(file, "w", zipfile.ZIP_STORED) as archive:
         for name, data in {META: sog.meta({}), **sog.images}.items():
             # No date, so that equal splats give equal files.
             archive.writestr(zipfile.ZipInfo(name), data)

@@ -21,7 +21,7 @@ from usdsplat.core.progress import Progress, silent
 from usdsplat.core.sh import MAX_DEGREE
 from usdsplat.core.wording import said_bytes
 from usdsplat.interchange.lod.inputs import open_source
-from usdsplat.interchange.lod.nodes import TreePart
+from usdsplat.interchange.lod.nodes import TreeStep
 from usdsplat.interchange.lod.options import LOD, LodOptions, LodReport
 from usdsplat.interchange.lod.partition import partition
 from usdsplat.interchange.lod.placing import TreeFiles
@@ -95,50 +95,40 @@ def build_tree(
     return replace(report, findings=findings)
 
 
-def begin_tree(
+def take_step(
     sources: Sequence[Path | str],
     target: Path,
+    step: TreeStep,
     *,
     options: LodOptions = LOD,
     progress: Progress = silent,
 ) -> None:
-    """Survey the inputs of a tree, the first step of a building in parts.
+    """Do a step of a building in parts.
 
-    The steps of `build_part` follow, and then `build_tree`, which does what is left. Arguments and
-    errors are those of `build_tree`.
-    """
-    with output_lock(target):
-        try:
-            _opened_job(sources, target, options, progress)
-        except (FormatError, StageError, UsageError):
-            WorkFolder.remove_of(target)  # another attempt would fail too
-            raise
-
-
-def build_part(
-    sources: Sequence[Path | str],
-    target: Path,
-    part: TreePart,
-    *,
-    sorts: bool,
-    options: LodOptions = LOD,
-    progress: Progress = silent,
-) -> None:
-    """Do a part of a building that was begun. Other processes may do other parts meanwhile.
+    The first one surveys the inputs. Then all parts are sorted, and then built; other processes may
+    do other parts meanwhile. `build_tree` does what is left. All steps need equal arguments.
 
     Args:
         sources, target, options, progress: Those of `build_tree`.
-        part: The part.
-        sorts: Whether runs are sorted, rather than chunks made of all sorted runs.
+        step: The step.
 
     Raises:
         UsdSplatError: As `build_tree` does.
         OutputError: If no building was begun with these inputs and options, or it is not sorted.
     """
+    if step.name == "begin":
+        with output_lock(target):
+            try:
+                _opened_job(sources, target, options, progress)
+            except (FormatError, StageError, UsageError):
+                WorkFolder.remove_of(target)  # another attempt would fail too
+                raise
+        return
+    part = step.part
     with output_lock(target.with_name(f"{target.name}.{part.number}-{part.count}")):
         job = _opened_job(sources, target, options, progress, is_begun=True)
         runs = planned_runs(job.surveys, job.meeting, job.folder, options.memory_limit)
-        if sorts:
+        if step.name == "sort":
             taken = {path: rows for i, (path, rows) in enumerate(runs.items()) if part.takes(i)}
             write_runs(taken, job.inputs, job.meeting, progress)
             return

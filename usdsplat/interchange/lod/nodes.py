@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +10,7 @@ import numpy as np
 
 from usdsplat.core.cloud import F64, I64, SplatCloud
 from usdsplat.core.errors import UsageError
+from usdsplat.core.pairs import whole_pair
 from usdsplat.interchange.decimating import level
 from usdsplat.interchange.lod import chunks, levels
 from usdsplat.interchange.lod.chunks import ChunkForm, ChunkNodes, chunk_name, joined, taken
@@ -205,10 +205,10 @@ class TreePart:
         Raises:
             UsageError: If it is anything else.
         """
-        match = re.fullmatch(r"(\d{1,4})/(\d{1,4})", text)
-        if not match or not 1 <= int(match[1]) <= int(match[2]):
+        found = whole_pair(text, "/")
+        if found is None or found[0] > found[1]:
             raise UsageError("--part", repr(text), "K/N with K from 1 to N, such as 1/8")
-        return cls(int(match[1]), int(match[2]))
+        return cls(*found)
 
     def takes(self, index: int) -> bool:
         """Return whether this part does the work with this number, from 0."""
@@ -229,6 +229,33 @@ class TreePart:
             else:
                 open_nodes.extend(reversed(branch.children))
         return [branch for index, branch in enumerate(found) if self.takes(index)]
+
+
+STEPS = ("begin", "sort", "build")
+
+
+@dataclass(frozen=True, slots=True)
+class TreeStep:
+    """A step of a building that is done in parts: to begin, to sort or to build."""
+
+    name: str
+    """One of `STEPS`."""
+    part: TreePart
+    """What is sorted or built; all of it to begin."""
+
+    @classmethod
+    def parse(cls, name: str, part: str | None) -> TreeStep:
+        """Return the value of `--step` and `--part`.
+
+        Raises:
+            UsageError: If there is no such step or part.
+        """
+        if name not in STEPS:
+            raise UsageError("--step", repr(name), f"one of {', '.join(STEPS)}")
+        if (name == "begin") != (part is None):
+            found = f"{part or 'none'} with --step {name}"
+            raise UsageError("--part", found, "K/N with --step sort or build")
+        return cls(name, TreePart(1, 1) if part is None else TreePart.parse(part))
 
 
 def chunk_numbers(root: Branch) -> dict[int, int]:

@@ -1,0 +1,77 @@
+"""Tests of what tasks ask of the workers of Dask; `tests/cli/test_job_failures` has clusters."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import pytest
+
+from usdsplat.core.errors import BackendError
+from usdsplat.jobs.dask_cluster import DaskWorkers, TaskFailed, _result
+from usdsplat.jobs.frames import render_job
+
+GIB = 1 << 30
+
+
+def needed(resources, *, uses_gpu=True, memory=4 * GIB):
+    """What the first task of a job asks of workers that declare resources."""
+    workers = DaskWorkers("tcp://somewhere:1", [], lambda words, folder: {})
+    workers._resources = list(resources)
+    job = render_job(
+        ("render",), (1.0,), name="a", chunk=1, tiling=None, uses_gpu=uses_gpu, memory=memory
+    )
+    return workers._needed(job.tasks()[0], job)
+
+
+@pytest.mark.parametrize(
+    ("resources", "expected"),
+    [
+        ([{}], {}),
+        ([{"GPU": 1}, {}], {"GPU": 1}),
+        ([{"MEMORY": 8 * GIB}], {"MEMORY": 4 * GIB}),
+        ([{"GPU": 1, "MEMORY": 8 * GIB, "OTHER": 1}], {"GPU": 1, "MEMORY": 4 * GIB}),
+    ],
+    ids=str,
+)
+def test_tasks_take_the_resources_that_workers_declare(resources, expected):
+    """Oracle: by hand: what no worker declares is not asked for."""
+    assert needed(resources) == expected
+    assert needed(resources, uses_gpu=False, memory=None) == {}
+
+
+@pytest.mark.parametrize(
+    "resources", [[{"MEMORY": GIB}], [{"GPU": 1}, {"MEMORY": 8 * GIB}]], ids=str
+)
+def test_a_need_that_no_worker_meets_is_an_error(resources):
+    """Oracle: the sentence: nothing is submitted that would wait for ever."""
+    with pytest.raises(BackendError, match="found no worker that meets the needs of a task"):
+        needed(resources)
+
+
+class Ended:
+    """A future of Dask that has failed."""
+
+    status, key = "error", "mine"
+
+    def __init__(self, error):
+        self._error = error
+
+    def exception(self):
+        return self._error
+
+
+def test_each_kind_of_failure_is_one_sentence_with_its_machine():
+    """Oracle: by hand. A failure of another task is none of this one's."""
+    distributed = pytest.importorskip("distributed")
+    task = render_job(("render",), (1.0,), name="a", chunk=1, tiling=None).tasks()[0]
+    own = TaskFailed(task.words, 1, "a.usd: found nothing", "b (tcp://b:1)")
+    found = _result(Ended(own), task)
+    assert (found.status, found.reason, found.host) == (1, "a.usd: found nothing", "b (tcp://b:1)")
+    assert _result(Ended(TaskFailed(("other",), 2, "", "")), task) is None
+    last = SimpleNamespace(address="tcp://b:1")
+    killed = _result(Ended(distributed.KilledWorker("mine", last, 3)), task)
+    assert killed.host == "tcp://b:1" and killed.status == 2
+    assert killed.reason == "worker: found 4 workers that died, expected one that does not"
+    assert _result(Ended(distributed.KilledWorker("other", last, 3)), task) is None
+    other = _result(Ended(ValueError("two\nlines")), task)
+    assert (other.status, other.reason) == (2, "two lines")

@@ -1,0 +1,115 @@
+"""Run `usdsplat simulate` as a job."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from usdsplat.cli import bundles
+from usdsplat.cli.job_options import JobOptions, JobRunner, environments, of_task
+from usdsplat.cli.reporting import Reporter
+from usdsplat.cli.simulate_options import BakeOrder, Options
+from usdsplat.cli.words import words_of
+from usdsplat.core.errors import OutputError, UsageError
+from usdsplat.core.folders import check_folder
+
+if TYPE_CHECKING:
+    from usdsplat.jobs.job import Job
+
+
+def run_tasks(order: BakeOrder, reporter: Reporter) -> None:
+    """Bake by tasks. What is left, such as the contact sheet, is done with --resume.
+
+    Raises:
+        UsageError: If the options are none of a job.
+        OutputError: If a file exists, or nothing can be written there.
+        JobError: If a task fails.
+    """
+    options, bakes = order.options, _bakes(order)
+    if bakes is None and order.target.exists() and not options.resume:
+        raise OutputError(str(order.target), "a file", "a new name, or --resume")
+    check_folder(order.target.parent)
+    task = replace(_task(options), json=True, reporting=of_task(options.reporting))
+    workers = environments(options.job, device=task.device, threads=options.threads)
+    with JobRunner(options.job, reporter, workers[: bakes or 1]) as runner:
+        for _ in runner.run(_job(order, task, bakes)):
+            pass
+
+
+def write_bundle(order: BakeOrder, source: Path, folder: Path, reporter: Reporter) -> int:
+    """Write the bakes as an Open Job Description bundle, and return the status.
+
+    Args:
+        order: What is to be baked.
+        source: File of its stage.
+        folder: Folder of the bundle.
+        reporter: See `bundles.write`.
+
+    Raises:
+        UsdSplatError: See `bundles.write`.
+    """
+    from usdsplat.jobs.bakes import with_sheet
+    from usdsplat.jobs.openjd import Bundle
+
+    options, bakes, parameter = order.options, _bakes(order), bundles.stage_source(source)
+    session = options.stage_opening.session_layer
+    task = replace(
+        _task(options),
+        stage=Path(parameter.word()),
+        output=Path(bundles.output_name(options.output)),
+        stage_opening=replace(options.stage_opening, session_layer=session and session.absolute()),
+        json=False,
+        reporting=bundles.on_a_farm(options.reporting),
+    )
+    job = _job(order, task, bakes)
+    if bakes is not None:
+        last = replace(task, sheet_frame=options.sheet_frame, resume=True)
+        job = with_sheet(job, ("simulate", *words_of(last)))
+    inputs = bundles.existing([session])
+    bundle = Bundle(folder=folder, source=parameter, results="bakes", inputs=inputs)
+    return bundles.write(job, bundle, [source], reporter, json=options.json)
+
+
+def _bakes(order: BakeOrder) -> int | None:
+    """Check the options, and return the number of bakes of a wedge; None without one."""
+    from usdsplat.products.wedge import parse_axes, planned
+
+    options = order.options
+    if options.force:  # tasks may be repeated, and would begin anew what others have done
+        found = "it with --jobs, --dask or --openjd"
+        raise UsageError("--force", found, "--resume, or a new name")
+    if not options.wedge:
+        return None
+    how = order.wedge
+    if options.job.openjd is not None:  # the bakes lie elsewhere
+        how = replace(how, simulate=replace(how.simulate, existing="resume"))
+    axes = parse_axes(options.wedge)
+    return len(planned(order.stage, order.target, order.frames, axes, how))
+
+
+def _task(options: Options) -> Options:
+    """Return the options of a task, but for its part of the work and its reports."""
+    return replace(
+        options,
+        job=JobOptions(),
+        sheet_frame=None,
+        device="cpu" if options.device == "auto" else options.device,
+        resume=False,
+        until=None,
+    )
+
+
+def _job(order: BakeOrder, task: Options, bakes: int | None) -> Job:
+    """Return the job of an order."""
+    from usdsplat.jobs.bakes import bake_job
+
+    options = order.options
+    return bake_job(
+        ("simulate", *words_of(task)),
+        order.frames,
+        bakes=bakes,
+        chunk=options.job.chunk,
+        until=options.until,
+        uses_gpu=task.device == "cuda",
+    )
