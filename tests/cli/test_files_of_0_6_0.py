@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import OpenImageIO as oiio
 import pytest
-from pxr import Usd
+from pxr import Gf, Usd, UsdGeom
 
 from usdsplat import schema
 
@@ -79,6 +79,28 @@ def opened(path: Path) -> Usd.Stage:
     return stage
 
 
+def with_camera(file: Path, picture: Path, target: Path) -> Path:
+    """Write a stage over a file, with the camera of a picture, by its header. 0.6.0 framed bounds
+    where a stage has no camera."""
+    spec = oiio.ImageBuf(str(picture)).spec()
+    flip = np.diag([1.0, 1.0, -1.0, 1.0])  # a header's camera looks along +z
+    to_camera = np.reshape(spec.getattribute("worldToCamera"), (4, 4)) @ flip
+    width = 10 * spec.getattribute("screenWindowWidth")
+    stage = Usd.Stage.CreateNew(str(target))
+    stage.GetRootLayer().subLayerPaths.append(str(file))
+    camera = UsdGeom.Camera.Define(stage, "/OldCamera")
+    camera.AddTransformOp().Set(Gf.Matrix4d(np.linalg.inv(to_camera).tolist()))
+    camera.GetFocalLengthAttr().Set(10.0)
+    camera.GetHorizontalApertureAttr().Set(width)
+    camera.GetVerticalApertureAttr().Set(width * 24 / 36)
+    camera.GetClippingRangeAttr().Set(Gf.Vec2f(1e-3, 1e6))
+    for name in ("upAxis", "metersPerUnit", "timeCodesPerSecond", "startTimeCode", "endTimeCode"):
+        value = Usd.Stage.Open(str(file)).GetMetadata(name)
+        stage.SetMetadata(name, value)
+    stage.GetRootLayer().Save()
+    return target
+
+
 def pixels(path: Path) -> np.ndarray:
     """All channels of a picture; shape (height, width, channels)."""
     picture = oiio.ImageBuf(str(path))
@@ -103,12 +125,14 @@ def test_a_file_has_the_splats_that_0_6_0_wrote(name: str) -> None:
 
 @pytest.mark.parametrize("name", PICTURES)
 def test_a_file_is_drawn_as_0_6_0_drew_it(run, tmp_path: Path, name: str) -> None:
-    """Oracle: the picture that 0.6.0 drew on the CPU with the same flags."""
-    target = tmp_path / "a.exr"
+    """Oracle: the picture that 0.6.0 drew on the CPU with the same flags and its own camera."""
+    target, picture = tmp_path / "a.exr", FILES / "pictures" / f"{Path(name).stem}.exr"
+    has_camera = SEQUENCE[0] in PICTURES[name]
+    stage = FILES / name if has_camera else with_camera(FILES / name, picture, tmp_path / "a.usda")
     flags = ("--resolution", "36x24", "--device", "cpu", "-o", target, *PICTURES[name])
-    status, _, err = run("render", FILES / name, *flags)
+    status, _, err = run("render", stage, *flags)
     assert status == 0, err
-    expected = pixels(FILES / "pictures" / f"{Path(name).stem}.exr")
+    expected = pixels(picture)
     assert expected.shape == (24, 36, 4) and 0.05 < expected[..., 3].mean() < 0.95
     np.testing.assert_allclose(pixels(target), expected, atol=TOLERANCE)
 

@@ -210,3 +210,14 @@ def test_an_edit_is_seen():
     assert scene.seen() is None
     scene.set_visible("/field0", True)
     assert scene.seen().frame(FRONT, WINDOW)[1] == before
+
+
+def test_prims_are_framed_by_their_paths():
+    """Oracle: the camera of the scene with one field; a path that is only the beginning of a name
+    is none of a prim."""
+    scene = scene_of((block(), np.eye(4)), (block(low=(5, 5, 5), high=(6, 6, 6)), np.eye(4)))
+    target, distance = framed(block())
+    found, at = scene.seen(("/field0",)).frame(FRONT, WINDOW)
+    assert at == pytest.approx(distance, rel=WITHIN) and found == pytest.approx(target, abs=0.02)
+    assert scene.seen(("/",)).frame(FRONT, WINDOW)[1] == scene.seen().frame(FRONT, WINDOW)[1]
+    assert scene.seen(("/field",)) is None

@@ -161,11 +161,10 @@ class Document:
         Args:
             paths: Paths of prims, including their descendants; empty for everything visible.
         """
-        if not paths:
-            with self.lock:
-                return self.engine.render_scene.seen()
-        box = self.bounds(paths)
-        return None if box is None else of_box(box)
+        with self.lock:
+            found = self.engine.render_scene.seen(paths)
+        box = self.bounds(paths) if found is None else None
+        return found if box is None else of_box(box)
 
     def frame_anew(self) -> None:
         """Let the default camera frame the current scene again."""

@@ -19,8 +19,9 @@ from usdsplat.render.lod.appearances import Laid
 from usdsplat.render.lod.cache import NodeCache
 from usdsplat.render.lod.tree import Tree, TreeSpec
 from usdsplat.render.matte_groups import MatteGroups, matte_groups
+from usdsplat.render.scene_subject import of_scene
 from usdsplat.render.specs import CropSpec, FieldSpec, InstanceSpec, MeshSpec
-from usdsplat.render.subject import Subject, of_scene
+from usdsplat.render.subject import Subject
 
 SUBJECT = 0.004
 """Fraction of the splats, at either end of each axis, that may be outliers far from the subject."""
@@ -329,13 +330,16 @@ class RenderScene:
         outliers."""
         return self._union("subject", _subject)
 
-    def seen(self) -> Subject | None:
-        """Return some of everything visible, for cameras that frame it; None if nothing is. The
-        result is cached until the next edit."""
-        if self._subject is None:
-            trees = [tree for _, tree in self.drawn_trees()]
+    def seen(self, paths: tuple[str, ...] = ()) -> Subject | None:
+        """Return some of everything visible at or below paths, or of all without any, for cameras
+        that frame it; None if nothing is. That of all is cached until the next edit."""
+        if self._subject is None or paths:
+            fields, trees = self.visible_fields(), [tree for _, tree in self.drawn_trees()]
             meshes = [mesh for mesh in self._meshes.values() if mesh.is_drawn]
-            self._subject = (of_scene(self.visible_fields(), trees, meshes),)
+            found = of_scene(fields, trees, meshes, paths)
+            if paths:
+                return found
+            self._subject = (found,)
         return self._subject[0]
 
     def caster_bounds(self) -> tuple[Box | None, Box | None]:

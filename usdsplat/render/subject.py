@@ -20,19 +20,15 @@ and the four numbers give the nearest eye in closed form.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from usdsplat.core.cloud import F64, I64, SplatCloud
-from usdsplat.core.quaternion import normalize, to_matrix
-from usdsplat.render.cropping import inside
-from usdsplat.render.fields import Box, Field, Mesh
-from usdsplat.render.lod.tree import Tree
-from usdsplat.render.specs import CropSpec, InstanceSpec
+from usdsplat.core.cloud import F64, I64
+from usdsplat.render.fields import Box
 
 FILL = 0.9
 """Part of the picture's width or height that the subject fills."""
@@ -64,9 +60,6 @@ FAINT = 0.25
 SPREAD = 1.2
 """Standard deviations from the centre at which the weight of a splat is put on the grid, besides
 the centre."""
-MOST, FEWEST = 30_000, 16
-"""About how many splats are weighed, and at least of each instance."""
-
 NEAREST = 0.25
 """Least distance of the eye from the subject, relative to the subject's depth."""
 ROUNDING = 1e-9
@@ -157,33 +150,6 @@ class Subject:
         return near
 
 
-def of_scene(
-    fields: Sequence[Field], trees: Sequence[Tree], meshes: Sequence[Mesh]
-) -> Subject | None:
-    """Return some splats of fields and of the coarsest levels of trees, and points of meshes; None
-    if nothing is there."""
-    splats: list[tuple[Field | Tree, list[SplatCloud]]] = []
-    splats += [(each, [each.spec.cloud]) for each in fields]
-    splats += [(each, each.coarsest()) for each in trees]
-    count = sum(len(owner.instances) for owner, _ in splats)
-    found = [
-        of_splats(clouds, owner.instances, owner.crops, most=MOST * len(owner.instances) // count)
-        for owner, clouds in splats
-        if clouds
-    ]
-    return joined([*found, *map(_of_mesh, meshes)])
-
-
-def _of_mesh(mesh: Mesh) -> Subject:
-    """Return the points of a mesh; the corners of its boxes if there are many."""
-    points = mesh.spec.points[np.isfinite(mesh.spec.points).all(axis=1)].astype(np.float64)
-    if len(points) and len(points) * len(mesh.instances) > MOST:
-        points = corners((points.min(axis=0), points.max(axis=0)))
-    transforms = np.array([each.transform for each in mesh.instances]).reshape(-1, 4, 4)
-    placed = np.einsum("kij,nj->kni", transforms[:, :3, :3], points) + transforms[:, None, :3, 3]
-    return of_points(placed)
-
-
 def of_points(points: npt.NDArray[np.floating]) -> Subject:
     """Return points as a subject, all of which are framed, shape (m, 3)."""
     none = np.empty(0)
@@ -198,53 +164,6 @@ def of_points(points: npt.NDArray[np.floating]) -> Subject:
 def of_box(box: Box) -> Subject:
     """Return the corners of a box as a subject."""
     return of_points(corners(box))
-
-
-def of_splats(
-    clouds: Sequence[SplatCloud],
-    instances: Sequence[InstanceSpec],
-    crops: tuple[CropSpec, ...],
-    *,
-    most: int,
-) -> Subject:
-    """Return some splats of each instance of clouds that crops keep, evenly by their order.
-
-    Args:
-        clouds: Splats in local space.
-        instances: Where they are.
-        crops: Volumes in the world.
-        most: About how many splats to take.
-    """
-    total = sum(map(len, clouds))
-    step = max(1, total * len(instances) // max(most, FEWEST * len(instances)))
-    few = [
-        (cloud.positions[::step], cloud.rotations[::step], cloud.scales[::step],
-         cloud.opacities[::step])
-        for cloud in clouds
-    ]  # fmt: skip
-    local, turns, scales, opacities = (
-        np.concatenate(each).astype(np.float64) for each in zip(*few, strict=True)
-    )
-    transforms = np.array([each.transform for each in instances]).reshape(-1, 4, 4)
-    rotations = to_matrix(normalize(turns))
-    with np.errstate(all="ignore"):  # what is not finite is left out below
-        axes = np.swapaxes(rotations * scales[:, None, :], -1, -2)  # local, as rows
-        placed = np.einsum("kij,nj->kni", transforms[:, :3, :3], local) + transforms[:, None, :3, 3]
-        turned = np.einsum("kij,naj->knai", transforms[:, :3, :3], axes)
-    centers, axes = placed.reshape(-1, 3), turned.reshape(-1, 3, 3)
-    opacities = np.tile(opacities, len(transforms))
-    kept = np.isfinite(centers).all(axis=1) & np.isfinite(axes).all(axis=(1, 2))
-    kept &= opacities > 0
-    if crops:
-        kept &= inside(crops, centers)
-    return Subject(
-        centers=centers[kept],
-        axes=axes[kept],
-        opacities=np.minimum(opacities[kept], 1.0),
-        counts=np.full(int(kept.sum()), float(step)),
-        owners=np.zeros(int(kept.sum()), np.int64),
-        points=np.empty((0, 3)),
-    )
 
 
 def joined(subjects: Iterable[Subject | None]) -> Subject | None:

@@ -140,15 +140,17 @@ def test_held_keys_fly(seat: Seat) -> None:
 
 
 def test_f_frames_everything_again(seat: Seat) -> None:
-    """Oracle: the target is the middle of what there is to see."""
+    """Oracle: the camera from the same direction, by the subject of the document."""
     number, _ = seat.canvas()
     seat.page.locator("#picture").focus()
     seat.page.keyboard.press("Shift+KeyF")
-    box: list[Any] = []
-    seat.session.ask(lambda document: document.bounds(), box.append)
+    subjects: list[Any] = []
+    seat.session.ask(lambda document: document.subject(), subjects.append)
     number = seat.rested(number, accept=lambda picture: not picture.state.is_moving)
-    middle = 0.5 * (box[0][0] + box[0][1])
-    np.testing.assert_allclose(seat.picture(number).state.camera.target, middle, atol=1e-6)
+    state = seat.picture(number).state
+    expected = state.camera.framing(subjects[0], aspect=state.size[0] / state.size[1])
+    np.testing.assert_allclose(state.camera.target, expected.target, atol=1e-6)
+    np.testing.assert_allclose(state.camera.eye, expected.eye, atol=1e-6)
 
 
 def test_a_camera_of_the_stage_is_looked_through(seat: Seat) -> None:
