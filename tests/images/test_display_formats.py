@@ -134,3 +134,17 @@ def test_a_layout_that_the_format_does_not_have_is_refused(tmp_path, name, more,
     """Oracle: the sentence."""
     with pytest.raises(UsageError, match=sentence):
         open_writer(tmp_path / name, layout(**{"background": GREEN, **more}))
+
+
+@pytest.mark.parametrize(("size", "fits"), [(60_000, True), (70_000, False)])
+def test_header_entries_that_a_jpeg_cannot_hold_are_one_sentence(tmp_path, size, fits):
+    """Oracle: a segment of a JPEG has 65,533 bytes; libjpeg ends the process beyond that."""
+    given = layout(background=GREEN, metadata={"note": "y" * size})
+    if fits:
+        write(tmp_path / "a.jpg", ramp(), given)
+        with Image.open(tmp_path / "a.jpg") as picture:
+            assert json.loads(picture.getexif()[270])["note"] == "y" * size
+        return
+    with pytest.raises(UsageError, match="bytes of header entries, expected at most 65000"):
+        open_writer(tmp_path / "a.jpg", given)
+    assert list(tmp_path.iterdir()) == []

@@ -107,6 +107,7 @@ def run(options: Options, reporter: Reporter) -> int:
 
     return run_window(
         None if path is None else _opener(path, options),
+        path=path,
         camera=options.camera,
         time=options.frame,
         device=options.device,

@@ -15,6 +15,10 @@ from usdsplat.images.display_writer import DisplayWriter
 from usdsplat.images.labels import as_json
 from usdsplat.images.layout import ImageLayout
 
+MOST_HEADER = 65_000
+"""Largest size of the header entries [byte]. A segment of a JPEG has 65,533, of which Exif takes a
+few; libjpeg ends the process if it is longer."""
+
 
 class JpegWriter(DisplayWriter):
     """Writer of a JPEG file, see `DisplayWriter`; the layout has a background."""
@@ -26,6 +30,10 @@ class JpegWriter(DisplayWriter):
     def __init__(self, path: Path | str, layout: ImageLayout) -> None:
         if layout.background is None:
             raise UsageError(str(path), "a transparent JPEG", "a background, or .png or .webp")
+        size = len(as_json(layout.metadata).encode())
+        if size > MOST_HEADER:
+            expected = f"at most {MOST_HEADER} in a JPEG; .png and .webp hold more"
+            raise UsageError(str(path), f"{size} bytes of header entries", expected)
         super().__init__(path, layout)
 
     def _spec(self, layout: ImageLayout) -> oiio.ImageSpec:

@@ -27,16 +27,21 @@ def view_names(config: str = "", display: str = "") -> ViewNames:
         config: A file or an ocio:// name; "" for that of the environment, or the built-in one.
         display: The display whose views are listed; "" for the config's first.
     """
-    return _read(readable(config or os.environ.get("OCIO") or BUILT_IN), display)
+    try:
+        return _read(readable(config or os.environ.get("OCIO") or BUILT_IN), display)
+    except OSError:
+        return ViewNames()
 
 
 @functools.lru_cache(maxsize=64)
 def _read(config: str, display: str) -> ViewNames:
+    """Read the names; failures, which raise an OSError, are not cached."""
     import OpenImageIO as oiio
 
+    oiio.geterror()  # an earlier one, of something else
     known = oiio.ColorConfig(config)
     if known.geterror() or oiio.geterror():
-        return ViewNames()
+        raise OSError(config)
     displays = tuple(known.getDisplayNames())
     chosen = display if display in displays else next(iter(displays), "")
     return ViewNames(

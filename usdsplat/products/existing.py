@@ -72,8 +72,13 @@ def _entries(spec: oiio.ImageSpec, path: Path) -> dict[str, Any]:
     keys = [f"usdsplat:{name}" for name in names]
     if path.suffix.lower() in (".exr", ".png"):
         return {key: spec.getattribute(key) for key in keys}
-    with pillow.open(path) as file:
-        text = file.getexif().get(EXIF_DESCRIPTION, "{}")
+    most = pillow.MAX_IMAGE_PIXELS
+    pillow.MAX_IMAGE_PIXELS = None  # no pixel is decoded
+    try:
+        with pillow.open(path) as file:
+            text = file.getexif().get(EXIF_DESCRIPTION, "{}")
+    finally:
+        pillow.MAX_IMAGE_PIXELS = most
     try:
         found = json.loads(text)
     except ValueError:  # another program's description

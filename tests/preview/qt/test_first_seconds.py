@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import threading
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -15,14 +18,16 @@ from tests.preview.qt import windows
 from tests.preview.qt.conftest import wait_until
 from tests.preview.qt.windows import LEFT, click_cell, opened, press, settled, texts
 from usdsplat import formats, procedural_capture
-from usdsplat.preview.opening import _Telling
+from usdsplat.core.errors import UsageError
+from usdsplat.preview.document import Document
+from usdsplat.preview.opening import _Telling, open_document
 from usdsplat.preview.qt import remembered
 from usdsplat.preview.qt.empty_page import INVITATION
 from usdsplat.preview.qt.leaving import EDITED, RECORDS, losses
 from usdsplat.preview.qt.prim_model import VISIBLE
 from usdsplat.preview.qt.window import Window
 from usdsplat.preview.qt.workspace import Workspace
-from usdsplat.preview.values import Busy, SimulationStatus
+from usdsplat.preview.values import Busy, Event, SimulationStatus
 
 
 @pytest.fixture
@@ -44,7 +49,8 @@ def test_a_first_window_fits_its_screen(application: QApplication) -> None:
     window.show()
     room = window.screen().availableGeometry()
     assert room.contains(window.geometry())
-    assert window.width() <= remembered.SIZE.width() or window.width() <= room.width()
+    wanted = remembered.SIZE.boundedTo(room.size() * remembered.SHARE)
+    assert window.size() == wanted.expandedTo(window.minimumSizeHint())
     window.leave()
 
 
@@ -129,6 +135,32 @@ def test_a_capture_of_unknown_axes_offers_to_be_turned(window: Window, capture: 
     window.actions_by_name["flip"].trigger()
     wait_until(lambda: window.workspace is not turned)
     assert window.workspace is not None and window.workspace.opened.axes == "rdf"
+
+
+def test_what_is_turned_is_what_is_open(window: Window, capture: Path, tmp_path: Path) -> None:
+    """Oracle: a file that cannot be read leaves the capture open, which is the one to turn."""
+    workspace = opened(window, capture)
+    (tmp_path / "broken.ply").write_bytes(b"ply\nformat nonsense\n")
+    window.open(tmp_path / "broken.ply")
+    wait_until(lambda: "broken.ply" in window.problems.sentence)
+    window.flip()
+    wait_until(lambda: window.workspace is not workspace)
+    turned = window.workspace
+    assert turned is not None and (turned.opened.name, turned.opened.axes) == ("scan.ply", "rub")
+    window._use_device("cpu")
+    wait_until(lambda: window.workspace is not turned)
+    assert window.workspace is not None and window.workspace.opened.axes == "rub"
+
+
+def test_a_file_of_the_command_line_is_turned_and_remembered(window: Window, capture: Path) -> None:
+    """Oracle: as if the user had opened it in the window."""
+    window.open_with(partial(open_document, capture), path=capture)
+    wait_until(lambda: window.workspace is not None)
+    before = window.workspace
+    assert remembered.recent_files() == (capture,)
+    window.flip()
+    wait_until(lambda: window.workspace is not before)
+    assert window.workspace is not None and window.workspace.opened.axes == "rub"
 
 
 def test_a_stage_is_not_turned(window: Window, workspace: Workspace) -> None:
@@ -243,11 +275,34 @@ def test_a_preset_that_fails_says_why_and_can_be_tried_again(
 
 def test_reading_shows_how_much_is_read(window: Window) -> None:
     """Oracle: the numbers of the events."""
-    window._show_busy(Busy(what="reading scan.ply", done=3, total=4))
+    from usdsplat.preview.qt.opening_again import Source
+
+    hold = threading.Event()
+
+    def opener(publish: Callable[[Event], None]) -> Document:
+        publish(Busy(what="reading scan.ply", done=3, total=4))
+        publish(Busy(what=""))
+        hold.wait()
+        raise UsageError("scan.ply", "nothing", "something")
+
+    told: list[Busy] = []
+    window._read(Source(opener=opener, path=Path("scan.ply")))
+    assert window._pending is not None
+    window._pending.busy.connect(told.append)
+    wait_until(lambda: len(told) == 2)
+    assert window.note == window.empty.note.text() == "Reading scan.ply…"  # it goes on
+    assert window.empty.bar.isVisible()
+    hold.set()
+    wait_until(lambda: window.problems.sentence)
+    assert window.empty.note.text() == INVITATION and not window.empty.bar.isVisible()
+
+
+def test_the_bar_has_the_numbers_of_the_task(window: Window) -> None:
+    """Oracle: the numbers of the events."""
+    window.empty.show_busy(Busy(what="reading scan.ply", done=3, total=4))
     assert window.empty.bar.isVisible()
     assert (window.empty.bar.value(), window.empty.bar.maximum()) == (3, 4)
-    assert window.note == "reading scan.ply 75 %"
-    window._show_busy(Busy(what=""))
+    window.empty.show_busy(Busy(what=""))
     assert not window.empty.bar.isVisible() and window.empty.note.text() == INVITATION
 
 

@@ -14,7 +14,8 @@ from PySide6.QtWidgets import QApplication
 from usdsplat.core.interrupt import SIGNALS
 from usdsplat.preview.qt import style
 from usdsplat.preview.qt.glyphs import window_icon
-from usdsplat.preview.qt.window import Opener, Window
+from usdsplat.preview.qt.opening_again import Opener
+from usdsplat.preview.qt.window import Window
 from usdsplat.preview.values import Opened
 
 LISTEN = 200
@@ -49,6 +50,7 @@ class Windows(QObject):
 def run(
     first: Opener | Path | None = None,
     *,
+    path: Path | None = None,
     camera: str | None = None,
     time: float | None = None,
     device: str = "auto",
@@ -59,6 +61,7 @@ def run(
     Args:
         first: Content of the first window: a path, a function that opens a document and is called
             with `publish`, or nothing.
+        path: File that such a function opens; None if there is none.
         camera: Path of the initial camera; None frames everything.
         time: Initial time code; None is the first.
         device, threads: As `Engine` takes them.
@@ -74,7 +77,7 @@ def run(
     window = windows.new(first if isinstance(first, Path) else None)
     window.opened.connect(_once(lambda opened: _begin(window, camera, time)))
     if first is not None and not isinstance(first, Path):
-        window.open_with(first)
+        window.open_with(first, path=path)
 
     def interrupt(number: int, frame: FrameType | None) -> None:
         application.exit(128 + number)  # an exception would be lost in Qt's loop

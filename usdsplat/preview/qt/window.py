@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -20,7 +21,6 @@ from PySide6.QtWidgets import (
 from usdsplat import formats
 from usdsplat.core.axes import flipped
 from usdsplat.interchange.files import SUFFIXES
-from usdsplat.preview.document import Document
 from usdsplat.preview.opening import open_document
 from usdsplat.preview.qt import remembered, style
 from usdsplat.preview.qt.acts import acts_of
@@ -30,15 +30,13 @@ from usdsplat.preview.qt.help_dialog import HelpDialog, show_about
 from usdsplat.preview.qt.keys import KEYS, MENUS, Key
 from usdsplat.preview.qt.leaving import ask_to_leave, losses
 from usdsplat.preview.qt.message_bar import MessageBar, over
+from usdsplat.preview.qt.opening_again import Opener, Source
 from usdsplat.preview.qt.recent_menu import RecentMenu
 from usdsplat.preview.qt.save_dialogs import Saving
 from usdsplat.preview.qt.session_proxy import SessionProxy
 from usdsplat.preview.qt.workspace import Workspace
 from usdsplat.preview.session import Session
 from usdsplat.preview.values import Busy, Opened, Problem
-
-Opener = Callable[..., Document]
-"""Opens a document in the session's thread; called with `publish`."""
 
 TOOLS = ("tool_none", "tool_translate", "tool_rotate", "tool_scale")
 PURPOSES = ("render", "proxy", "guide")
@@ -70,9 +68,8 @@ class Window(QMainWindow):
         self._pending: SessionProxy | None = None
         self._remarks: tuple[str, ...] = ()
         """Remarks on the stage that is being opened."""
-        self._path: Path | None = None
-        self._axes: str | None = None
-        """Axes of a capture that was turned here; None for its own."""
+        self._source: Source | None = None
+        """What is open here."""
         self._leaves = False
         """Whether the window closes without asking."""
         self.workspace: Workspace | None = None
@@ -114,19 +111,21 @@ class Window(QMainWindow):
             path: The file.
             axes: Axes of a capture; None for its own.
         """
-        self._unless_kept(partial(self._open, path, axes))
+        opener = partial(open_document, path, device=self._device, threads=self._threads)
+        self._open(Source(opener=opener, path=path, axes=axes))
 
     def flip(self) -> None:
         """Open the capture again, turned upside down; a stage has its own axes and stays."""
-        workspace = self.workspace
-        if workspace is not None and self._path is not None and workspace.opened.axes:
-            self.open(self._path, axes=flipped(workspace.opened.axes))
+        workspace, source = self.workspace, self._source
+        if workspace is not None and source is not None and workspace.opened.axes:
+            self._open(replace(source, axes=flipped(workspace.opened.axes)))
 
-    def _open(self, path: Path, axes: str | None) -> None:
-        self._path, self._axes = path, axes
-        device, threads = self._device, self._threads
-        opener = partial(open_document, path, device=device, threads=threads, axes=axes)
-        self.open_with(opener, name=path.name)
+    def open_with(self, opener: Opener, *, path: Path | None = None) -> None:
+        """Open a document by a function, which has a path if it is that of a file."""
+        self._open(Source(opener=opener, path=path))
+
+    def _open(self, source: Source) -> None:
+        self._unless_kept(partial(self._read, source))
 
     def _unless_kept(self, leave: Callable[[], None]) -> None:
         """Call a function, after asking if edits or a recording would be lost by it."""
@@ -136,23 +135,24 @@ class Window(QMainWindow):
         else:
             leave()
 
-    def open_with(self, opener: Opener, *, name: str = "") -> None:
-        """Open a document by a function, in its own session."""
+    def _read(self, source: Source) -> None:
+        """Open a document in its own session."""
         self._forget_pending()
-        session = Session(lambda publish: opener(publish=publish))
-        proxy = SessionProxy(session, self)
+        proxy = SessionProxy(Session(source.open), self)
         self._pending, self._remarks = proxy, ()
-        proxy.opened.connect(partial(self._switch, proxy))
+        proxy.opened.connect(partial(self._switch, proxy, source))
         proxy.problem.connect(partial(self._could_not_open, proxy))
-        proxy.busy.connect(self._show_busy)
-        self._say(f"Reading {name}…" if name else "Reading…")
-        self.empty.say(self.note)
+        reading = f"Reading {source.name}…" if source.name else "Reading…"
+        proxy.busy.connect(partial(self._show_busy, proxy, reading))
+        self._say(reading)
+        self.empty.say(reading)
 
-    def _switch(self, proxy: SessionProxy, opened: Opened) -> None:
+    def _switch(self, proxy: SessionProxy, source: Source, opened: Opened) -> None:
         """Replace the old stage by the newly opened one."""
         if proxy is not self._pending:
             return
-        self._pending = None
+        self._pending, self._source = None, source
+        self._device = source.device or self._device
         proxy.problem.disconnect()
         proxy.opened.disconnect()
         old = self.workspace
@@ -176,8 +176,8 @@ class Window(QMainWindow):
         if opened.axes_are_assumed:
             words = f"The file does not say where its axes point; {opened.axes} is assumed."
             workspace.notices.say(words, action="Flip", act=self.flip)
-        if self._path is not None:
-            remembered.note_file(self._path)
+        if source.path is not None:
+            remembered.note_file(source.path)
         self._pages.addWidget(workspace)
         self._pages.setCurrentWidget(workspace)
         self.problems.clear()
@@ -210,10 +210,9 @@ class Window(QMainWindow):
             proxy.deleteLater()
 
     def _use_device(self, device: str) -> None:
-        """Reopen the file on another device."""
-        self._device = device
-        if self._path is not None:
-            self.open(self._path, axes=self._axes)
+        """Open the document again on another device."""
+        if self._source is not None:
+            self._open(replace(self._source, device=device))
 
     # --- actions ---------------------------------------------------------------------------
 
@@ -364,7 +363,10 @@ class Window(QMainWindow):
         for name in ("sim_run", "sim_step", "sim_reset", "sim_record"):
             self.actions_by_name[name].setEnabled(has_simulation)
 
-    def _show_busy(self, busy: Busy) -> None:
+    def _show_busy(self, proxy: SessionProxy, reading: str, busy: Busy) -> None:
+        """Show what a session does; between two tasks, as long as it opens, that it reads."""
+        if not busy.what and proxy is self._pending:
+            busy = Busy(what=reading)
         part = f" {100 * busy.done // busy.total} %" if busy.total else ""
         self._say(f"{busy.what}{part}")
         self.empty.show_busy(busy)
