@@ -38,6 +38,7 @@ from usdsplat.kernels.devices import open_device
 from usdsplat.render.renderer import Renderer
 from usdsplat.render.settings import RenderSettings
 from usdsplat.render.specs import Framing, RasterizeMode, View
+from usdsplat.render.subject import of_box
 from usdsplat.sim.carriers import expected_spacing
 from usdsplat.sim.refining import FAINT, refined
 
@@ -59,14 +60,20 @@ WAYS: tuple[tuple[RasterizeMode, Sorting], ...] = (
 )  # fmt: skip
 
 
+AROUND = 1.1
+"""Size of what is framed, relative to the capture."""
+
+
 def views(cloud: SplatCloud, size: tuple[int, int] = SIZE) -> Iterator[View]:
     """Yield four views around a capture, y up, each of which shows all of it."""
     box = scene_of(cloud).subject()
     assert box is not None
-    camera = frame_subject(box, None, up_axis="Y", aspect=size[0] / size[1])
+    middle, half = 0.5 * (box[0] + box[1]), AROUND * 0.5 * (box[1] - box[0])
+    around = of_box((middle - half, middle + half))
+    camera = frame_subject(around, box, up_axis="Y", aspect=size[0] / size[1])
     near, far = camera.clipping_range
     there, back = np.eye(4), np.eye(4)
-    there[:3, 3], back[:3, 3] = 0.5 * (box[0] + box[1]), -0.5 * (box[0] + box[1])
+    there[:3, 3], back[:3, 3] = middle, -middle
     for quarter in range(4):
         turn = np.eye(4)
         cosine, sine = math.cos(quarter * math.pi / 2), math.sin(quarter * math.pi / 2)
