@@ -14,6 +14,7 @@ from pxr import Gf, Sdf, Usd, UsdGeom, UsdRender
 
 from tests.delegate.stages import random_cloud, two_fields
 from tests.products.page.pages import moving_stage, still_stage
+from tests.render.test_subject import block, place
 from usdsplat import schema
 from usdsplat.core.errors import StageError, UsageError
 from usdsplat.delegate.engine import Engine
@@ -102,6 +103,25 @@ def test_an_automatic_camera_shows_the_subject_in_narrow_windows():
     with Engine(stage) as engine:
         top = engine.view(resolution=(1600, 900)).camera.window[3]
     assert found.fovs[0] == pytest.approx(2 * math.degrees(math.atan(top)))
+
+
+def test_an_automatic_camera_of_a_place_turns_around_what_it_frames():
+    """Oracle: target and distance of `frame`; a place is around a block of 2 by 2 by 2. Of the block
+    alone, narrow windows show no more than its diagonal."""
+    stages = [Usd.Stage.CreateInMemory() for _ in range(2)]
+    for stage, cloud in zip(stages, (place(), block()), strict=True):
+        schema.author(stage, "/A", cloud)
+    found, alone = (page_camera(stage, PageRequest(), None) for stage in stages)
+    assert np.linalg.norm(found.targets) < 3
+    size = np.linalg.norm(found.positions - found.targets)
+    with Engine(stages[0]) as engine:
+        spec = engine.view(resolution=(1920, 1080)).camera
+        target, distance = engine.render_scene.seen().frame(
+            np.reshape(spec.world_to_camera, (4, 4))[:3, :3], spec.window[2:]
+        )
+    assert size == pytest.approx(distance)
+    np.testing.assert_allclose(found.targets, [target * (-1, 1, -1)], atol=1e-6)
+    assert 0.9 < alone.aspect < 1.2
 
 
 @pytest.mark.parametrize("last", [1e9, math.inf, -5.0, math.nan])
