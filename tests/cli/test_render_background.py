@@ -133,8 +133,12 @@ def test_the_header_names_the_background(render, shot, tmp_path):
     [
         ("a.exr", "white", "--background: found white for an EXR, expected a PNG, JPEG or WebP"),
         ("a.jpg", "transparent", "--background: found transparent for a JPEG, expected a colour"),
-        ("a.png", "red", "--background: found 'red', expected transparent, black, grey, white"),
-        ("a.png", "2,0,0", "--background: found '2,0,0', expected transparent"),
+        (
+            "a.png",
+            "red",
+            "--background: found 'red', expected auto, transparent, black, grey, white",
+        ),
+        ("a.png", "2,0,0", "--background: found '2,0,0', expected auto, transparent"),
     ],
 )
 def test_what_a_format_does_not_have_is_refused(run, shot, tmp_path, name, color, sentence):

@@ -18,7 +18,12 @@ from usdsplat.core.cloud import F64
 from usdsplat.core.errors import UsageError
 from usdsplat.delegate.engine import Engine
 from usdsplat.delegate.scene_delegate.cameras import read_camera
-from usdsplat.images.background import AUTO, Background, parse_background
+from usdsplat.images.background import (
+    TRANSPARENT,
+    Background,
+    background_source,
+    parse_background,
+)
 from usdsplat.interchange.placement import stage_frame
 from usdsplat.products.planning import find_camera
 from usdsplat.products.request import MOST_PIXELS
@@ -102,6 +107,9 @@ def page_camera(
             raise UsageError("--resolution", str(side), f"at most {MOST_PIXELS} pixels on a side")
     with Engine(stage, time=time) as engine:
         path, framing, text = _chosen(engine, request)
+        where = background_source(is_requested=request.background is not None)
+        auto = "grey" if is_capture else TRANSPARENT
+        background = parse_background(text, auto=auto, where=where)
         spec = engine.view(path, framing=framing).camera
         subject = engine.render_scene.seen() or of_box((np.full(3, -0.5), np.full(3, 0.5)))
         rate = engine.stage_info().time_codes_per_second
@@ -136,7 +144,7 @@ def page_camera(
         targets=np.array(eye.targets),
         ups=np.array(eye.ups),
         fovs=np.array(eye.fovs),
-        background=_background(text, is_capture=is_capture),
+        background=background or (0.0, 0.0, 0.0),
         start=int(np.argmin(np.abs(np.array(frames) - (time or 0.0)))),
         notes=tuple(eye.notes),
     )
@@ -154,17 +162,6 @@ def _chosen(engine: Engine, request: PageRequest) -> tuple[str | None, Framing, 
             path = product.camera
     text = background if request.background is None else request.background
     return path or next(iter(engine.cameras()), None), framing, text
-
-
-def _background(text: str, *, is_capture: bool) -> Background:
-    """Return a colour; a page has one where a picture is transparent.
-
-    Raises:
-        UsageError: If the text is no colour.
-    """
-    if text.strip().lower() == AUTO:
-        text = "grey" if is_capture else "black"
-    return parse_background(text, where="background") or (0.0, 0.0, 0.0)
 
 
 def _frames(
