@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 
 from tests.render.rendering import scene_of
 from usdsplat.core.cloud import SplatCloud
 from usdsplat.render.specs import CropSpec, FieldSpec, InstanceSpec
-from usdsplat.render.subject import FILL, joined, of_box, of_points
+from usdsplat.render.subject import FILL, MOST, joined, of_box, of_points
 
 WINDOW = (0.8, 0.45)
 """Half of the width and of the height of a picture at distance 1."""
@@ -244,6 +246,47 @@ def test_nothing_has_no_subject():
     assert scene_of().seen() is None
     assert scene_of((block(opacity=0.0), np.eye(4))).seen() is None
     assert joined([None, of_points(np.empty((0, 3)))]) is None
+
+
+def test_many_instances_are_framed_by_some():
+    """Oracle: the corners of a lattice of 40,000 blocks, each of which is small; the number of
+    splats, and the number that they stand for."""
+    scene = scene_of((block(100, low=(-0.2,) * 3, high=(0.2,) * 3), np.eye(4)))
+    instances = []
+    for x, y in itertools.product(range(200), repeat=2):
+        matrix = np.eye(4)
+        matrix[:2, 3] = x - 99.5, 0.5 * (y - 99.5)
+        instances.append(InstanceSpec(path="/field0", transform=tuple(matrix.ravel())))
+    scene.set_instances("/field0", tuple(instances))
+    seen = scene.seen()
+    assert 0.8 * MOST < len(seen.centers) < 1.5 * MOST
+    assert seen.counts.sum() == pytest.approx(100 * len(instances), rel=0.2)
+    middle, half = seen.extent(FRONT)
+    assert middle[:2] == pytest.approx((0, 0), abs=2)
+    assert half[:2] == pytest.approx((99.7, 49.95), rel=0.03)
+
+
+def test_joined_subjects_are_no_larger_than_one():
+    """Oracle: the camera of all of them, of which each is at another place; the number of splats,
+    and the number that they stand for."""
+    parts = [block(20_000, low=(x, 0, 0), high=(x + 1, 1, 1), seed=x) for x in range(8)]
+    whole = joined(scene_of((part, np.eye(4))).seen() for part in parts)
+    assert 0.8 * MOST < len(whole.centers) < 1.5 * MOST
+    assert whole.counts.sum() == pytest.approx(160_000)
+    assert len(np.unique(whole.owners)) == 8
+    target, distance = framed(block(160_000, low=(0, 0, 0), high=(8, 1, 1)))
+    found, at = whole.frame(FRONT, WINDOW)
+    assert at == pytest.approx(distance, rel=2 * WITHIN)
+    assert found == pytest.approx(target, abs=0.05)
+
+
+def test_a_thinned_subject_has_something_of_each_owner():
+    """Oracle: the numbers by hand."""
+    whole = joined([scene_of((block(n), np.eye(4))).seen() for n in (1, 5, 12)])
+    few = whole.thinned(5)
+    assert np.bincount(few.owners).tolist() == [1, 1, 3]
+    assert np.bincount(few.owners, few.counts).tolist() == [1, 5, 12]
+    assert whole.thinned(1) is whole
 
 
 MOVED = np.array([[1.0, 0, 0, 7], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])

@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -30,6 +30,8 @@ import numpy.typing as npt
 from usdsplat.core.cloud import F64, I64
 from usdsplat.render.fields import Box
 
+MOST = 30_000
+"""About how many splats are weighed."""
 FILL = 0.9
 """Part of the picture's width or height that the subject fills."""
 OUTSIDE = 0.0002
@@ -149,6 +151,26 @@ class Subject:
         seen = self._projected(directions)
         return 0.0 if seen is None else seen.half_width(directions @ eye)
 
+    def thinned(self, step: int) -> Subject:
+        """Return each `step`-th splat of each owner, which then stand for the others too; all
+        points stay."""
+        if step <= 1 or not len(self.owners):
+            return self
+        number = np.bincount(self.owners)
+        first = np.cumsum(number) - number
+        order = np.argsort(self.owners, kind="stable")
+        rows = order[(np.arange(len(order)) - first[self.owners[order]]) % step == 0]
+        owners = self.owners[rows]
+        more = number / np.maximum(np.bincount(owners, minlength=len(number)), 1)
+        return replace(
+            self,
+            centers=self.centers[rows],
+            axes=self.axes[rows],
+            opacities=self.opacities[rows],
+            counts=self.counts[rows] * more[owners],
+            owners=owners,
+        )
+
     def _projected(self, directions: Directions) -> _Projected | None:
         """Return what is framed in camera axes; None if there is nothing."""
         points = self.points @ directions.T
@@ -231,10 +253,13 @@ def of_box(box: Box) -> Subject:
 
 
 def joined(subjects: Iterable[Subject | None]) -> Subject | None:
-    """Return all subjects as one; None if there is nothing in them."""
+    """Return all subjects as one, with about `MOST` splats at most, or one of each owner; None if
+    there is nothing in them."""
     found = [each for each in subjects if each is not None and len(each.centers) + len(each.points)]
     if not found:
         return None
+    step = sum(len(each.centers) for each in found) // MOST
+    found = [each.thinned(step) for each in found]
     owners, count = [], 0
     for each in found:
         owners.append(each.owners + count)
