@@ -48,6 +48,16 @@ def test_a_capture_by_itself_is_opaque_and_a_stage_is_not(render, run, capture, 
     assert pixels(tmp_path / "c.png")[0, 0].tolist() == [0, 0, 0, 0]
 
 
+def test_spaces_and_case_of_a_background_do_not_matter(render, run, shot, tmp_path):
+    """Oracle: the pictures of the plain words; for an EXR both mean that there is no colour."""
+    for word in (" Auto ", " Transparent "):
+        loose = render(shot, tmp_path / "a.png", "--background", word)
+        plain = render(shot, tmp_path / "b.png", "--background", word.strip().lower())
+        np.testing.assert_array_equal(loose, plain)
+        words = ("render", shot, "-o", tmp_path / "a.exr", "--frames", 1, "--background", word)
+        assert run(*words, *SMALL)[0] == 0
+
+
 @pytest.mark.parametrize("flags", [(), ("--view", "Un-tone-mapped")], ids=["captured", "view"])
 def test_a_colour_is_behind_the_transparent_picture(render, shot, tmp_path, flags):
     """Oracle: Pillow's compositing of the transparent picture, in code values of the display; empty
@@ -133,8 +143,12 @@ def test_the_header_names_the_background(render, shot, tmp_path):
     [
         ("a.exr", "white", "--background: found white for an EXR, expected a PNG, JPEG or WebP"),
         ("a.jpg", "transparent", "--background: found transparent for a JPEG, expected a colour"),
-        ("a.png", "red", "--background: found 'red', expected transparent, black, grey, white"),
-        ("a.png", "2,0,0", "--background: found '2,0,0', expected transparent"),
+        (
+            "a.png",
+            "red",
+            "--background: found 'red', expected auto, transparent, black, grey, white",
+        ),
+        ("a.png", "2,0,0", "--background: found '2,0,0', expected auto, transparent"),
     ],
 )
 def test_what_a_format_does_not_have_is_refused(run, shot, tmp_path, name, color, sentence):

@@ -23,25 +23,28 @@ Image = pytest.importorskip("PIL.Image")
         ("#20407f", (32 / 255, 64 / 255, 127 / 255)),
         ("#20407F", (32 / 255, 64 / 255, 127 / 255)),
         ("0.25, 1,0", (0.25, 1, 0)),
+        (" Auto ", (1, 0, 0)),
+        (" White ", (1, 1, 1)),
+        (" transparent", None),
     ],
 )
 def test_texts_are_colours(text, expected):
     """Oracle: the values, written by hand."""
-    assert parse_background(text, where="--background") == expected
+    assert parse_background(text, auto="1,0,0", where="--background") == expected
 
 
 @pytest.mark.parametrize("text", ["", "red", "#fff", "255,255,255", "1,1", "nan,0,0", "-0.1,0,0"])
 def test_other_texts_are_refused(text):
     """Oracle: the sentence: where it is from, what was found, and what is possible."""
-    with pytest.raises(UsageError, match=r"^--background: found '.*', expected transparent, black"):
-        parse_background(text, where="--background")
+    with pytest.raises(UsageError, match=r"^--background: found '.*', expected auto, transparent"):
+        parse_background(text, auto="1,0,0", where="--background")
 
 
 def test_a_colour_is_described_as_it_can_be_asked_for():
     """Oracle: parsing again."""
     assert described(None) == "transparent"
     for text in ("#000000", "#20407f", "#ffffff"):
-        assert described(parse_background(text, where="")) == text
+        assert described(parse_background(text, auto="black", where="")) == text
 
 
 def test_a_picture_over_a_colour_is_what_other_programs_composite():

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 from tests.preview.fakes import BOX, OPENED, FakeSession, begun, camera_of, picture_of
+from tests.render.rendering import scene_of
+from tests.render.test_subject import place
 from usdsplat.core.errors import UsageError
 from usdsplat.preview.camera import FreeCamera
 from usdsplat.preview.values import Look, StageChanged
@@ -28,7 +30,8 @@ def test_a_stage_begins_framed_at_its_first_time_and_in_the_same_look() -> None:
     assert (state.camera, state.time, state.look.aov) == (None, 1.0, "depth")
     assert (state.selected, state.other) == ((), None)
     assert viewer.cameras == ("/Camera",)
-    assert viewer.box is BOX
+    assert viewer.subject is not None
+    assert viewer.subject.extent(np.eye(3))[0] == pytest.approx(0.5 * (BOX[0] + BOX[1]))
 
 
 def test_a_stage_without_a_range_is_seen_at_its_default_time() -> None:
@@ -52,6 +55,19 @@ def test_the_first_move_begins_where_the_picture_was_seen_from() -> None:
     target, middle = (matrix @ (*point, 1) for point in (camera_of(viewer).target, (0, 0.5, 0)))
     assert target[:3] == pytest.approx((0, 0, middle[2]), abs=1e-6)
     assert state.is_moving
+
+
+def test_moves_are_around_what_a_camera_frames_of_a_place() -> None:
+    """Oracle: the block in the middle of a place, of which the rest is background."""
+    viewer, _ = begun()
+    viewer.subject = scene_of((place(), np.eye(4))).seen()
+    matrix = np.eye(4)
+    matrix[2, 3] = -30.0
+    seen = replace(picture_of(viewer.state).camera, world_to_camera=tuple(matrix.ravel()))
+    viewer.shown(replace(picture_of(viewer.state), camera=seen))
+    camera = viewer.free_camera()
+    assert camera is not None
+    assert camera.target == pytest.approx((0, 0, 0), abs=1.5)
 
 
 def test_before_a_picture_moves_do_nothing() -> None:

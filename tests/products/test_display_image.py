@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 import os
+from fractions import Fraction
 
 import numpy as np
 import pytest
 
 from usdsplat.core.errors import UnknownFormatError
-from usdsplat.products.display_image import EXIF_DESCRIPTION, SOFTWARE, save_image
+from usdsplat.images.exif import DESCRIPTION, WRITER
+from usdsplat.products.display_image import save_image
 
 
 def pixels(path):
@@ -30,19 +32,21 @@ def test_an_image_comes_back_as_it_was(tmp_path, name, within):
 
 
 def test_a_header_comes_back_as_it_was(tmp_path):
-    """Oracle: Pillow's decoder: chunks of a PNG, the Exif description of a JPEG."""
+    """Oracle: Pillow's decoder: chunks of a PNG, the Exif description of a JPEG. A rate is
+    text."""
     from PIL import Image
 
     image = np.zeros((2, 2, 3), np.uint8)
     entries = {"usdsplat:stage": "Größe.usda", "usdsplat:frame": 2.5, "worldToCamera": (1.0, 0.0)}
+    entries["framesPerSecond"] = Fraction(24000, 1001)
     with Image.open(save_image(image, tmp_path / "a.png", metadata=entries)) as picture:
         assert picture.text["usdsplat:stage"] == "Größe.usda"
         assert json.loads(picture.text["usdsplat:frame"]) == 2.5
         assert json.loads(picture.text["worldToCamera"]) == [1.0, 0.0]
-        assert picture.text["Software"] == SOFTWARE
+        assert picture.text["Software"] == WRITER
     with Image.open(save_image(image, tmp_path / "a.jpg", metadata=entries)) as picture:
-        told = json.loads(picture.getexif()[EXIF_DESCRIPTION])
-    assert told == {**entries, "worldToCamera": [1.0, 0.0]}
+        told = json.loads(picture.getexif()[DESCRIPTION])
+    assert told == {**entries, "worldToCamera": [1.0, 0.0], "framesPerSecond": "24000/1001"}
 
 
 def test_another_suffix_is_a_sentence(tmp_path):

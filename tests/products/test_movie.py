@@ -14,8 +14,8 @@ import pytest
 
 from usdsplat.core.errors import OutputError
 from usdsplat.images import open_writer
+from usdsplat.images.exif import DESCRIPTION, SOFTWARE, WRITER
 from usdsplat.images.layout import ImageLayout
-from usdsplat.products.display_image import EXIF_DESCRIPTION, EXIF_SOFTWARE, SOFTWARE
 from usdsplat.products.movie import Movie, save_animation
 
 SCRIPT = """#!{python}
@@ -144,7 +144,7 @@ def test_an_animation_has_the_frames_and_the_header_of_the_first(tmp_path):
         entries = moving.getexif()
         moving.load()
         assert moving.info["duration"] == 40
-    assert entries[EXIF_SOFTWARE] == SOFTWARE
-    told = json.loads(entries[EXIF_DESCRIPTION])
+    assert entries[SOFTWARE] == WRITER
+    told = json.loads(entries[DESCRIPTION])
     assert told["usdsplat:stage"] == "shot"
     assert json.loads(told["usdsplat:frame"]) == 1.0

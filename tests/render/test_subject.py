@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 
 from tests.render.rendering import scene_of
 from usdsplat.core.cloud import SplatCloud
-from usdsplat.render.specs import CropSpec
-from usdsplat.render.subject import FILL, joined, of_box, of_points
+from usdsplat.render.specs import CropSpec, FieldSpec, InstanceSpec
+from usdsplat.render.subject import FILL, MOST, joined, of_box, of_points
 
 WINDOW = (0.8, 0.45)
 """Half of the width and of the height of a picture at distance 1."""
@@ -115,9 +117,8 @@ def test_floaters_do_not_matter(floaters):
     assert found == pytest.approx(target, abs=0.1)
 
 
-def test_ground_and_sky_of_a_place_are_background():
-    """Oracle: the distance: the ground reaches a hundred times as far as the block, the sky more,
-    and the camera is not much farther away than the block alone needs."""
+def place():
+    """The block, with ground a hundred times as far, which is thinner there, and a sky farther."""
     rng = np.random.default_rng(5)
     far = np.exp(rng.normal(0.5, 1.2, 4000))
     angle = rng.uniform(0, 2 * np.pi, 4000)
@@ -128,9 +129,55 @@ def test_ground_and_sky_of_a_place_are_background():
     )  # fmt: skip
     sky = rng.normal(size=(1500, 3))
     sky = cloud(400 * sky / np.linalg.norm(sky, axis=1, keepdims=True), size=20)
+    return both(block(), ground, sky)
+
+
+def test_ground_and_sky_of_a_place_are_background():
+    """Oracle: the distance: the camera is not much farther away than the block alone needs."""
     _, alone = framed(block())
-    _, distance = framed(both(block(), ground, sky))
+    _, distance = framed(place())
     assert distance < 8 * alone
+
+
+@pytest.mark.parametrize("subject", ["points", "splats"])
+def test_the_extent_is_what_an_orthographic_camera_frames(subject):
+    """Oracle: `frame` of orthographic cameras: its target, and the distance of a window that is
+    narrow, and of one that is low."""
+    seen = (
+        of_points(block().positions)
+        if subject == "points"
+        else scene_of((block(), np.eye(4))).seen()
+    )
+    turn, _ = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))
+    middle, half = seen.extent(turn)
+    target, wide = seen.frame(turn, (1e-6, 1), is_orthographic=True)
+    _, high = seen.frame(turn, (1, 1e-6), is_orthographic=True)
+    assert middle == pytest.approx(target, abs=1e-6)
+    assert half[:2] == pytest.approx((FILL * 1e-6 * wide, FILL * 1e-6 * high))
+    assert middle == pytest.approx((0, 0, 0), abs=0.1) and half[2] == pytest.approx(1.5, abs=0.4)
+
+
+@pytest.mark.parametrize("subject", ["points", "splats"])
+def test_the_width_is_that_of_the_picture_that_is_filled(subject):
+    """Oracle: the camera of a window in which the width alone decides."""
+    seen = (
+        of_points(block().positions)
+        if subject == "points"
+        else scene_of((block(), np.eye(4))).seen()
+    )
+    target, distance = seen.frame(FRONT, (0.3, 100))
+    eye = target + distance * FRONT[2]
+    assert seen.half_width(FRONT, eye) == pytest.approx(FILL * 0.3, rel=0.01)
+    assert seen.half_width(FRONT, np.zeros(3)) == np.inf
+
+
+def test_nothing_is_framed_at_the_origin():
+    """Oracle: the docstrings, for points of which none is finite."""
+    nothing = of_points(np.full((1, 3), np.nan))
+    target, distance = nothing.frame(FRONT, WINDOW)
+    assert target.tolist() == [0, 0, 0] and distance == 0.0
+    assert [each.tolist() for each in nothing.extent(FRONT)] == [[0, 0, 0]] * 2
+    assert nothing.half_width(FRONT, np.ones(3)) == 0.0
 
 
 def test_thin_parts_are_not_cut_off():
@@ -201,15 +248,82 @@ def test_nothing_has_no_subject():
     assert joined([None, of_points(np.empty((0, 3)))]) is None
 
 
-def test_an_edit_is_seen():
-    """Oracle: the camera of the other block; without an edit the same object is returned."""
+def test_many_instances_are_framed_by_some():
+    """Oracle: the corners of a lattice of 40,000 blocks, each of which is small; the number of
+    splats, and the number that they stand for."""
+    scene = scene_of((block(100, low=(-0.2,) * 3, high=(0.2,) * 3), np.eye(4)))
+    instances = []
+    for x, y in itertools.product(range(200), repeat=2):
+        matrix = np.eye(4)
+        matrix[:2, 3] = x - 99.5, 0.5 * (y - 99.5)
+        instances.append(InstanceSpec(path="/field0", transform=tuple(matrix.ravel())))
+    scene.set_instances("/field0", tuple(instances))
+    seen = scene.seen()
+    assert 0.8 * MOST < len(seen.centers) < 1.5 * MOST
+    assert seen.counts.sum() == pytest.approx(100 * len(instances), rel=0.2)
+    middle, half = seen.extent(FRONT)
+    assert middle[:2] == pytest.approx((0, 0), abs=2)
+    assert half[:2] == pytest.approx((99.7, 49.95), rel=0.03)
+
+
+def test_joined_subjects_are_no_larger_than_one():
+    """Oracle: the camera of all of them, of which each is at another place; the number of splats,
+    and the number that they stand for."""
+    parts = [block(20_000, low=(x, 0, 0), high=(x + 1, 1, 1), seed=x) for x in range(8)]
+    whole = joined(scene_of((part, np.eye(4))).seen() for part in parts)
+    assert 0.8 * MOST < len(whole.centers) < 1.5 * MOST
+    assert whole.counts.sum() == pytest.approx(160_000)
+    assert len(np.unique(whole.owners)) == 8
+    target, distance = framed(block(160_000, low=(0, 0, 0), high=(8, 1, 1)))
+    found, at = whole.frame(FRONT, WINDOW)
+    assert at == pytest.approx(distance, rel=2 * WITHIN)
+    assert found == pytest.approx(target, abs=0.05)
+
+
+def test_a_thinned_subject_has_something_of_each_owner():
+    """Oracle: the numbers by hand."""
+    whole = joined([scene_of((block(n), np.eye(4))).seen() for n in (1, 5, 12)])
+    few = whole.thinned(5)
+    assert np.bincount(few.owners).tolist() == [1, 1, 3]
+    assert np.bincount(few.owners, few.counts).tolist() == [1, 5, 12]
+    assert whole.thinned(1) is whole
+
+
+MOVED = np.array([[1.0, 0, 0, 7], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
+BALL = CropSpec(
+    shape="sphere", world_to_shape=tuple(np.diag([2.0, 2.0, 2.0, 1.0]).ravel()), keeps=True
+)
+
+
+@pytest.mark.parametrize(
+    ("edit", "expected"),
+    [
+        (lambda scene: scene.set_field("/field0", FieldSpec(cloud=block(high=(3, 1, 1)))),
+         scene_of((block(high=(3, 1, 1)), np.eye(4)))),
+        (lambda scene: scene.set_instances(
+            "/field0", (InstanceSpec(path="/field0", transform=tuple(MOVED.ravel())),)),
+         scene_of((block(), MOVED))),
+        (lambda scene: scene.set_crops("/field0", (BALL,)), None),
+        (lambda scene: scene.set_visible("/field0", False), scene_of()),
+    ],
+    ids=["field", "instances", "crops", "visible"],
+)  # fmt: skip
+def test_an_edit_is_seen(edit, expected):
+    """Oracle: a new scene with what was edited; of a ball that keeps half of a block, the size.
+    Without an edit the same object is returned."""
     scene = scene_of((block(), np.eye(4)))
-    assert scene.seen() is scene.seen()
-    _, before = scene.seen().frame(FRONT, WINDOW)
-    scene.set_visible("/field0", False)
-    assert scene.seen() is None
-    scene.set_visible("/field0", True)
-    assert scene.seen().frame(FRONT, WINDOW)[1] == before
+    before = scene.seen()
+    assert scene.seen() is before
+    edit(scene)
+    if expected is None:
+        assert scene.seen().extent(FRONT)[1].max() == pytest.approx(0.5, abs=0.05)
+    elif expected.seen() is None:
+        assert scene.seen() is None
+    else:
+        target, distance = expected.seen().frame(FRONT, WINDOW)
+        found, at = scene.seen().frame(FRONT, WINDOW)
+        assert found.tolist() == target.tolist() and at == distance
+        assert found.tolist() != before.frame(FRONT, WINDOW)[0].tolist()
 
 
 def test_prims_are_framed_by_their_paths():

@@ -20,20 +20,32 @@ Background = tuple[float, float, float]
 AUTO, TRANSPARENT = "auto", "transparent"
 NAMES = {"black": "#000000", "grey": "#383838", "gray": "#383838", "white": "#ffffff"}
 """Named colours; grey is that of the window."""
-_EXPECTED = "transparent, black, grey, white, #rrggbb, or r,g,b with numbers from 0 to 1"
+_EXPECTED = "auto, transparent, black, grey, white, #rrggbb, or r,g,b with numbers from 0 to 1"
 
 
-def parse_background(text: str, *, where: str) -> Background | None:
+def normalized(text: str) -> str:
+    """Return the text of a background without what does not matter: spaces around it, and case."""
+    return text.strip().lower()
+
+
+def background_source(*, is_requested: bool) -> str:
+    """Return what errors call a background: the flag, or the stage's attribute."""
+    return "--background" if is_requested else "splat:background"
+
+
+def parse_background(text: str, *, auto: str, where: str) -> Background | None:
     """Return the colour of a text; None for "transparent".
 
     Args:
-        text: A name of `NAMES`, #rrggbb, or three numbers from 0 to 1 with commas between.
+        text: "auto", a name of `NAMES`, #rrggbb, or three numbers from 0 to 1 with commas between.
+        auto: What "auto" is.
         where: What the text is, for the message of the error.
 
     Raises:
         UsageError: If it is anything else.
     """
-    text = text.strip().lower()
+    text = normalized(text)
+    text = auto if text == AUTO else text
     if text == TRANSPARENT:
         return None
     if match := re.fullmatch("#([0-9a-f]{2})([0-9a-f]{2})([0-9a-f]{2})", NAMES.get(text, text)):

@@ -15,13 +15,10 @@ from pathlib import Path
 
 import numpy as np
 
-import usdsplat
 from usdsplat.core.output import OutputFile
 from usdsplat.images.display_writer import DisplayWriter
-from usdsplat.images.labels import as_json
+from usdsplat.images.exif import exif
 from usdsplat.images.layout import Band
-
-_DESCRIPTION, _SOFTWARE, _X_RESOLUTION, _Y_RESOLUTION = 0x010E, 0x0131, 0x011A, 0x011B
 
 
 class WebpWriter(DisplayWriter):
@@ -43,15 +40,13 @@ class WebpWriter(DisplayWriter):
     def _finish(self) -> None:
         from PIL import Image as pillow
 
-        quality, spec, entries = self._layout.quality, self._specs[0], pillow.Exif()
-        entries[_DESCRIPTION] = as_json(self._layout.metadata)
-        entries[_SOFTWARE] = f"usdsplat {usdsplat.__version__}"
+        quality, spec, resolution = self._layout.quality, self._specs[0], None
         if self._layout.pixel_aspect_ratio != 1.0:
-            entries[_X_RESOLUTION] = spec.getattribute("XResolution")
-            entries[_Y_RESOLUTION] = spec.getattribute("YResolution")
+            resolution = spec.getattribute("XResolution"), spec.getattribute("YResolution")
+        entries = exif(self._layout.metadata, resolution)
         data = io.BytesIO()
         pillow.fromarray(self._pixels).save(
-            data, "WEBP", quality=quality, lossless=quality == 100, exif=entries.tobytes()
+            data, "WEBP", quality=quality, lossless=quality == 100, exif=entries
         )
         with self._output.open() as file:
             file.write(data.getbuffer())

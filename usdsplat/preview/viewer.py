@@ -11,6 +11,8 @@ from dataclasses import asdict, replace
 from functools import partial
 from typing import Any
 
+import numpy as np
+
 from usdsplat.core.knobs import checked
 from usdsplat.preview.bookmarks import Bookmark, free_name, without
 from usdsplat.preview.camera import FreeCamera, Glide, Side, UpAxis, Vector
@@ -26,7 +28,6 @@ from usdsplat.preview.values import (
     StageChanged,
     ViewState,
 )
-from usdsplat.render.fields import Box
 from usdsplat.render.specs import CameraSpec, Matrix
 from usdsplat.render.subject import Subject
 
@@ -68,8 +69,8 @@ class Viewer:
         """Whether the stage has a simulation."""
         self._range = (0.0, 0.0)  # range of the stage; the timeline's may differ
         self.up_axis: UpAxis = "Y"
-        self.box: Box | None = None
-        """Bounding box of the scene; None until it is known, and for an empty scene."""
+        self.subject: Subject | None = None
+        """What a camera frames of the scene; None until it is known, and for an empty scene."""
         self.speed = 1.0
         """Speed of flights."""
         self._seen: CameraSpec | None = None
@@ -101,9 +102,9 @@ class Viewer:
         )
         self.cameras, self.up_axis = event.cameras, event.up_axis
         self.has_simulation, self._range = event.has_simulation, (event.start, event.end)
-        self.bookmarks, self.box, self._seen = (), None, None
+        self.bookmarks, self.subject, self._seen = (), None, None
         self._glide, self.flight = None, (0.0, 0.0, 0.0)
-        self._session.ask(lambda document: document.bounds(), partial(setattr, self, "box"))
+        self._session.ask(lambda document: document.subject(), partial(setattr, self, "subject"))
         self._see(
             camera=None,
             time=event.start if event.end > event.start else None,
@@ -192,7 +193,7 @@ class Viewer:
         if self._seen is None:
             return None
         return FreeCamera.like(
-            self._seen, target=self._middle(), up_axis=self.up_axis, aspect=self.aspect
+            self._seen, target=self._middle(self._seen), up_axis=self.up_axis, aspect=self.aspect
         )
 
     def frame(self, paths: tuple[str, ...] = ()) -> None:
@@ -389,8 +390,10 @@ class Viewer:
         else:
             self._see(camera=there)
 
-    def _middle(self) -> Vector:
-        if self.box is None:
+    def _middle(self, spec: CameraSpec) -> Vector:
+        """Return the middle of the subject, as the camera of the picture sees it."""
+        if self.subject is None:
             return 0.0, 0.0, 0.0
-        x, y, z = (float(value) for value in 0.5 * (self.box[0] + self.box[1]))
+        middle, _ = self.subject.extent(np.reshape(spec.world_to_camera, (4, 4))[:3, :3])
+        x, y, z = map(float, middle)
         return x, y, z

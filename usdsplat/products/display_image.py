@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import io
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
-import usdsplat
 from usdsplat.core.errors import UnknownFormatError
 from usdsplat.core.output import write_output
+from usdsplat.images.exif import WRITER, exif
 from usdsplat.images.labels import as_text
 from usdsplat.images.layout import Metadata
 
@@ -26,8 +25,6 @@ FORMATS = {".png": "PNG", ".jpg": "JPEG", ".jpeg": "JPEG"}
 """Suffix -> Pillow's name of the format."""
 QUALITY = 95
 """Quality of a JPEG [0..100]."""
-SOFTWARE = f"usdsplat {usdsplat.__version__}"
-EXIF_DESCRIPTION, EXIF_SOFTWARE = 0x010E, 0x0131
 
 
 def save_image(image: Image, path: Path | str, *, metadata: Metadata | None = None) -> Path:
@@ -59,22 +56,12 @@ def save_image(image: Image, path: Path | str, *, metadata: Metadata | None = No
     return path
 
 
-def exif(metadata: Metadata) -> bytes:
-    """Return Exif data for a JPEG or WebP: `SOFTWARE`, and the entries as one JSON text."""
-    from PIL import Image as pillow
-
-    entries = pillow.Exif()
-    entries[EXIF_SOFTWARE] = SOFTWARE
-    entries[EXIF_DESCRIPTION] = json.dumps(dict(metadata))
-    return entries.tobytes()
-
-
 def _chunks(metadata: Metadata) -> PngInfo:
     """Return the entries as named text chunks of a PNG."""
     from PIL.PngImagePlugin import PngInfo
 
     chunks = PngInfo()
-    for key, value in {"Software": SOFTWARE, **as_text(metadata)}.items():
+    for key, value in {"Software": WRITER, **as_text(metadata)}.items():
         add = chunks.add_text if value.isascii() else chunks.add_itxt
         add(key, value)
     return chunks

@@ -10,6 +10,7 @@ import numpy as np
 import OpenImageIO as oiio
 
 from usdsplat.core.readable import readable
+from usdsplat.images import exif
 from usdsplat.images.aovs import find_aovs
 from usdsplat.images.background import TRANSPARENT, described
 from usdsplat.images.deep_aovs import deep_channels
@@ -18,7 +19,6 @@ from usdsplat.images.layout import ImageLayout
 from usdsplat.images.png import is_whole_png
 from usdsplat.images.webp_writer import is_whole_webp
 from usdsplat.images.whole_exr import is_whole_exr
-from usdsplat.products.display_image import EXIF_DESCRIPTION
 from usdsplat.products.header import layout_of
 from usdsplat.products.request import PicturePlan
 
@@ -76,7 +76,7 @@ def _entries(spec: oiio.ImageSpec, path: Path) -> dict[str, Any]:
     pillow.MAX_IMAGE_PIXELS = None  # no pixel is decoded
     try:
         with pillow.open(path) as file:
-            text = file.getexif().get(EXIF_DESCRIPTION, "{}")
+            text = file.getexif().get(exif.DESCRIPTION, "{}")
     finally:
         pillow.MAX_IMAGE_PIXELS = most
     try:

@@ -17,8 +17,9 @@ import numpy as np
 
 from usdsplat.core.errors import OutputError
 from usdsplat.core.output import output_file, write_output
+from usdsplat.images.exif import exif
 from usdsplat.images.layout import Metadata
-from usdsplat.products.display_image import Image, exif
+from usdsplat.products.display_image import Image
 
 SUFFIXES = (".mp4", ".mov")
 QUALITY = "16"

@@ -14,7 +14,14 @@ from usdsplat.delegate.engine import PURPOSES, Engine
 from usdsplat.delegate.product import ProductSpec
 from usdsplat.images import COLOR_MODES, default_color_mode, open_writer
 from usdsplat.images.aovs import find_aovs
-from usdsplat.images.background import AUTO, TRANSPARENT, Background, parse_background
+from usdsplat.images.background import (
+    AUTO,
+    TRANSPARENT,
+    Background,
+    background_source,
+    normalized,
+    parse_background,
+)
 from usdsplat.images.compression import DEEP_COMPRESSIONS
 from usdsplat.images.deep_aovs import ALWAYS, DEEP_AOVS
 from usdsplat.images.frame_numbers import FileName, frame_path
@@ -236,11 +243,9 @@ def _background(request: RenderRequest, settings: RenderSettings, kind: str) -> 
     Raises:
         UsageError: If the text is no colour, or the format has no alpha and none is given.
     """
-    text = settings.background.lower()
-    where = "--background" if "background" in request.settings else "splat:background"
-    if text == AUTO:
-        text = "grey" if request.is_capture or kind == "JPEG" else TRANSPARENT
-    found = parse_background(text, where=where)
+    where = background_source(is_requested="background" in request.settings)
+    auto = "grey" if request.is_capture or kind == "JPEG" else TRANSPARENT
+    found = parse_background(settings.background, auto=auto, where=where)
     if found is None and kind == "JPEG":
         raise UsageError(where, f"{TRANSPARENT} for a JPEG", "a colour, or .png or .webp")
     return None if kind == "EXR" else found
@@ -248,8 +253,8 @@ def _background(request: RenderRequest, settings: RenderSettings, kind: str) -> 
 
 def _check_background(request: RenderRequest, pictures: Sequence[PicturePlan]) -> None:
     """Raise an error if a colour is requested and all pictures are EXRs, which have none."""
-    text = str(request.settings.get("background", AUTO))
-    if text.lower() in (AUTO, TRANSPARENT):
+    text = normalized(str(request.settings.get("background", AUTO)))
+    if text in (AUTO, TRANSPARENT):
         return
     if all(_kind(str(picture.output)) == "EXR" for picture in pictures):
         expected = "a PNG, JPEG or WebP: an EXR keeps its alpha for compositing"

@@ -331,8 +331,11 @@ class RenderScene:
         return self._union("subject", _subject)
 
     def seen(self, paths: tuple[str, ...] = ()) -> Subject | None:
-        """Return some of everything visible at or below paths, or of all without any, for cameras
-        that frame it; None if nothing is. That of all is cached until the next edit."""
+        """Return a sample of what is visible, for cameras that frame it; None if nothing is.
+
+        Args:
+            paths: Only prims at or below these; empty for all, which is cached until the next edit.
+        """
         if self._subject is None or paths:
             fields, trees = self.visible_fields(), [tree for _, tree in self.drawn_trees()]
             meshes = [mesh for mesh in self._meshes.values() if mesh.is_drawn]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -12,10 +13,12 @@ from usdsplat.render.cropping import inside
 from usdsplat.render.fields import Field, Mesh
 from usdsplat.render.lod.tree import Tree
 from usdsplat.render.specs import CropSpec, InstanceSpec
-from usdsplat.render.subject import Subject, corners, joined, of_points
+from usdsplat.render.subject import MOST, Subject, corners, joined, of_points
 
-MOST, FEWEST = 30_000, 16
-"""About how many splats are weighed, and at least of each instance."""
+FEWEST = 16
+"""Least number of splats of an instance that are weighed; of some instances, if there are many."""
+GOLDEN = (math.sqrt(5) - 1) / 2
+"""Multiples of it, without their whole parts, are spread evenly over 0 to 1."""
 
 
 def of_scene(
@@ -74,15 +77,18 @@ def of_splats(
     *,
     most: int,
 ) -> Subject:
-    """Return some splats of each instance of clouds that crops keep, evenly by their order.
+    """Return some splats of instances of clouds that crops keep, evenly by their order.
 
     Args:
         clouds: Splats in local space.
         instances: Where they are.
         crops: Volumes in the world.
-        most: About how many splats to take.
+        most: About how many splats to take; of one instance `FEWEST`, even if these are more.
     """
     total = sum(map(len, clouds))
+    every = len(instances)
+    if every * min(FEWEST, total) > most:
+        instances = _some(instances, max(1, most // FEWEST))
     step = max(1, total * len(instances) // max(most, FEWEST * len(instances)))
     few = [
         (cloud.positions[::step], cloud.rotations[::step], cloud.scales[::step],
@@ -108,7 +114,18 @@ def of_splats(
         centers=centers[kept],
         axes=axes[kept],
         opacities=np.minimum(opacities[kept], 1.0),
-        counts=np.full(int(kept.sum()), float(step)),
+        counts=np.full(int(kept.sum()), step * every / len(instances)),
         owners=np.zeros(int(kept.sum()), np.int64),
         points=np.empty((0, 3)),
     )
+
+
+def _some(instances: Sequence[InstanceSpec], count: int) -> list[InstanceSpec]:
+    """Return one of each group of instances that are next to each other, `count` in all. Not the
+    first of each: those of rows and columns would all be in the same place of their row."""
+    edges = [len(instances) * k // count for k in range(count + 1)]
+    parts = [(k * GOLDEN) % 1.0 for k in range(count)]
+    return [
+        instances[first + int(part * (last - first))]
+        for first, last, part in zip(edges, edges[1:], parts, strict=False)
+    ]

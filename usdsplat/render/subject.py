@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -30,6 +30,8 @@ import numpy.typing as npt
 from usdsplat.core.cloud import F64, I64
 from usdsplat.render.fields import Box
 
+MOST = 30_000
+"""About how many splats are weighed."""
 FILL = 0.9
 """Part of the picture's width or height that the subject fills."""
 OUTSIDE = 0.0002
@@ -56,7 +58,8 @@ DEEPER = 0.5
 """Distance of the subject's nearest and farthest splats from 98 % of its weight, at most, relative
 to the depth of that."""
 FAINT = 0.25
-"""Opacity at which a splat ends to be visible."""
+"""Opacity below which a splat counts as invisible; its reach is the distance at which it falls to
+this."""
 SPREAD = 1.2
 """Standard deviations from the centre at which the weight of a splat is put on the grid, besides
 the centre."""
@@ -100,11 +103,80 @@ class Subject:
 
         Returns:
             A world position in the middle of the subject, shape (3,), and the distance of the eye
-            from it, along the camera's back axis; 0 if the subject is a point. Not finite positions
-            are no part of it.
+            from it, along the camera's back axis; 0 if the subject is a point. Positions that are
+            not finite are ignored. The origin and 0 for an empty subject.
         """
         right, top = FILL * window[0], FILL * window[1]
         depth = 0.0 if is_orthographic else 1.0
+        seen = self._projected(directions)
+        if seen is None:
+            return np.zeros(3), 0.0
+        on_right, on_left = seen.limit(1 / right, 0.0, depth), seen.limit(-1 / right, 0.0, depth)
+        above, below = seen.limit(0.0, 1 / top, depth), seen.limit(0.0, -1 / top, depth)
+        front, behind = seen.limit(0.0, 0.0, 1.0), -seen.limit(0.0, 0.0, -1.0)
+        eye = max(on_right + on_left, above + below) / 2
+        middle = (front + behind) / 2
+        target = (right * (on_right - on_left) / 2, top * (above - below) / 2, middle)
+        if not is_orthographic:
+            eye = max(eye, front + NEAREST * (front - behind))
+        distance = eye if is_orthographic else eye - middle
+        is_point = distance <= ROUNDING * (abs(eye) + abs(middle))
+        return directions.T @ target, 0.0 if is_point else distance
+
+    def extent(self, directions: Directions) -> tuple[F64, F64]:
+        """Return the middle of what is framed, and half of its size along the directions.
+
+        Returns:
+            World position and size, each of shape (3,). The middle has the depth of the target of
+            `frame`. Zeros for an empty subject.
+        """
+        seen = self._projected(directions)
+        if seen is None:
+            return np.zeros(3), np.zeros(3)
+        high, low = (
+            np.array([side * seen.limit(*(side * axis)) for axis in np.eye(3)]) for side in (1, -1)
+        )
+        return directions.T @ ((high + low) / 2), (high - low) / 2
+
+    def half_width(self, directions: Directions, eye: F64) -> float:
+        """Return half of the width of a centred picture at distance 1 that shows what is framed.
+
+        Args:
+            directions: Directions of a perspective camera.
+            eye: Its world position, shape (3,).
+
+        Returns:
+            Infinity if something is beside or behind the eye; 0 for an empty subject.
+        """
+        seen = self._projected(directions)
+        return 0.0 if seen is None else seen.half_width(directions @ eye)
+
+    def thinned(self, step: int) -> Subject:
+        """Return each `step`-th splat of each owner, which then stand for the others too; all
+        points stay."""
+        if step <= 1 or not len(self.owners):
+            return self
+        number = np.bincount(self.owners)
+        first = np.cumsum(number) - number
+        order = np.argsort(self.owners, kind="stable")
+        rows = order[(np.arange(len(order)) - first[self.owners[order]]) % step == 0]
+        owners = self.owners[rows]
+        more = number / np.maximum(np.bincount(owners, minlength=len(number)), 1)
+        return replace(
+            self,
+            centers=self.centers[rows],
+            axes=self.axes[rows],
+            opacities=self.opacities[rows],
+            counts=self.counts[rows] * more[owners],
+            owners=owners,
+        )
+
+    def _projected(self, directions: Directions) -> _Projected | None:
+        """Return what is framed in camera axes; None if there is nothing."""
+        points = self.points @ directions.T
+        if not len(self.centers):
+            no_axes, no_weight = np.empty((0, 3, 3)), np.empty(0)
+            return _Projected(points, points[:0], no_axes, no_weight) if len(points) else None
         is_near = self._is_near()
         centers, axes = self.centers[is_near] @ directions.T, self.axes[is_near] @ directions.T
         opacities, counts = self.opacities[is_near], self.counts[is_near]
@@ -115,29 +187,8 @@ class Subject:
             rows = np.flatnonzero(kept & (self.owners[is_near] == owner))
             kept[rows] = _at_depth(centers[rows, 2], depths[rows])
         weight = (counts * opacities * np.minimum(areas, cell))[kept]
-        centers, axes, opacities = centers[kept], axes[kept], opacities[kept]
-        reach = np.sqrt(2 * np.log(np.maximum(opacities, FAINT) / FAINT))
-        points = self.points @ directions.T
-
-        def limit(normal: tuple[float, float, float]) -> float:
-            """Return the farthest position along a plane's normal."""
-            most = [float(np.max(points @ normal))] if len(points) else []
-            if len(weight):
-                ends = centers @ normal + reach * np.linalg.norm(axes @ normal, axis=1)
-                most.append(_quantile(ends, weight, 1 - OUTSIDE))
-            return max(most)
-
-        on_right, on_left = limit((1 / right, 0.0, depth)), limit((-1 / right, 0.0, depth))
-        above, below = limit((0.0, 1 / top, depth)), limit((0.0, -1 / top, depth))
-        front, behind = limit((0.0, 0.0, 1.0)), -limit((0.0, 0.0, -1.0))
-        eye = max(on_right + on_left, above + below) / 2
-        middle = (front + behind) / 2
-        target = (right * (on_right - on_left) / 2, top * (above - below) / 2, middle)
-        if not is_orthographic:
-            eye = max(eye, front + NEAREST * (front - behind))
-        distance = eye if is_orthographic else eye - middle
-        is_point = distance <= ROUNDING * (abs(eye) + abs(middle))
-        return directions.T @ target, 0.0 if is_point else distance
+        reach = np.sqrt(2 * np.log(np.maximum(opacities[kept], FAINT) / FAINT))
+        return _Projected(points, centers[kept], axes[kept] * reach[:, None, None], weight)
 
     def _is_near(self) -> Mask:
         """Return which splats are no background, shape (n,)."""
@@ -148,6 +199,41 @@ class Subject:
             rows = np.flatnonzero(self.owners == owner)
             near[rows] = _no_background(self.centers[rows], weight[rows], areas[rows])
         return near
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Projected:
+    """What is framed of a subject, in camera axes."""
+
+    points: F64
+    """Shape (m, 3)."""
+    centers: F64
+    """Centres of splats, shape (n, 3)."""
+    axes: F64
+    """Vectors from the centres to where splats end to be visible, as rows, shape (n, 3, 3)."""
+    weight: F64
+    """Shape (n,)."""
+
+    def limit(self, x: float, y: float, z: float) -> float:
+        """Return the farthest position along the normal of a plane."""
+        normal = np.array((x, y, z))
+        ends = self.centers @ normal + np.linalg.norm(self.axes @ normal, axis=1)
+        return self._farthest(self.points @ normal, ends)
+
+    def half_width(self, eye: F64) -> float:
+        """See `Subject.half_width`; the eye is in camera axes."""
+        before, ahead = eye[2] - self.points[:, 2], eye[2] - self.centers[:, 2]
+        if min(before.min(initial=math.inf), ahead.min(initial=math.inf)) <= 0:
+            return math.inf
+        widths = np.abs(self.centers[:, 0] - eye[0]) + np.linalg.norm(self.axes[..., 0], axis=1)
+        return self._farthest(np.abs(self.points[:, 0] - eye[0]) / before, widths / ahead)
+
+    def _farthest(self, points: F64, ends: F64) -> float:
+        """Return the largest value of a point, or of nearly all of the weight of the splats."""
+        most = [float(points.max())] if len(points) else []
+        if len(ends):
+            most.append(_quantile(ends, self.weight, 1 - OUTSIDE))
+        return max(most)
 
 
 def of_points(points: npt.NDArray[np.floating]) -> Subject:
@@ -167,10 +253,13 @@ def of_box(box: Box) -> Subject:
 
 
 def joined(subjects: Iterable[Subject | None]) -> Subject | None:
-    """Return all subjects as one; None if there is nothing in them."""
+    """Return all subjects as one, with about `MOST` splats at most, or one of each owner; None if
+    there is nothing in them."""
     found = [each for each in subjects if each is not None and len(each.centers) + len(each.points)]
     if not found:
         return None
+    step = sum(len(each.centers) for each in found) // MOST
+    found = [each.thinned(step) for each in found]
     owners, count = [], 0
     for each in found:
         owners.append(each.owners + count)

@@ -117,7 +117,7 @@ def test_a_drag_turns_the_picture_about_what_was_framed(room: Room) -> None:
     """Oracle: the middle of the picture, at the depth of the middle of everything, stays where it
     was seen, and the picture is another."""
     before = room.settle()
-    wait_until(lambda: room.viewer.box is not None)
+    wait_until(lambda: room.viewer.subject is not None)
     camera = room.viewer.free_camera()
     assert camera is not None
     place = room.place_of(camera.target)

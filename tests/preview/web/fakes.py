@@ -12,6 +12,7 @@ from pxr import Usd
 from tests.preview.web.pictures import camera
 from usdsplat.core.errors import StageError
 from usdsplat.preview.values import Event, Opened, Picture, ViewState
+from usdsplat.render.subject import Subject, of_box
 
 
 class FakeDocument:
@@ -43,6 +44,10 @@ class FakeDocument:
     def bounds(self, paths: tuple[str, ...] = ()) -> Any:
         """There is one box, and anything that is named is as large."""
         return np.array([-1.0, -1.0, -1.0]), np.array([1.0, 1.0, 1.0])
+
+    def subject(self, paths: tuple[str, ...] = ()) -> Subject:
+        """What is in that box."""
+        return of_box(self.bounds(paths))
 
     def draw(self, state: ViewState) -> bool:
         """One picture for each state."""

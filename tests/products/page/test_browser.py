@@ -15,12 +15,14 @@ from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from io import BytesIO
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote
 
 import numpy as np
 import pytest
 from pxr import Sdf, Usd
 
 from tests.chromium import SOFTWARE_GL, chromium
+from tests.delegate.stages import random_cloud
 from tests.products.page.pages import moving_stage, parsed
 from tests.render.test_sampling import psnr
 from usdsplat import formats
@@ -241,6 +243,26 @@ def test_the_address_has_a_camera(data, visit, tmp_path):
 
 
 @pytest.mark.slow
+def test_the_address_has_a_camera_of_another_capture(data, visit, host, tmp_path):
+    """Oracle: a view matrix by hand, and the picture before V put its camera into the address."""
+    write_page(data / "splats" / "playbot_lod4.sog", tmp_path / "page.html", request=REQUEST)
+    formats.write(random_cloud(1, n=300), tmp_path / "other.sog")
+    address = f"{host}/page.html?noui&noanim&url=other.sog"
+    at = "viewer.app.root.findByName('camera').getPosition().toArray()"
+    view = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 1, 0, 9, 1]  # from (-1, 0, -9) in the file
+    visit.go(f"{address}#{json.dumps(view)}")
+    np.testing.assert_allclose(visit.page.evaluate(at), (1, 0, -9), atol=1e-5)
+    visit.page.keyboard.press("v")
+    assert json.loads(unquote(visit.page.url.partition("#")[2])) == pytest.approx(view, abs=1e-5)
+    visit.go(f"{address}#nonsense")
+    assert np.linalg.norm(np.subtract(visit.page.evaluate(at), (1, 0, -9))) > 0.1
+    before = visit.picture()
+    visit.page.keyboard.press("v")
+    visit.go(visit.page.url)
+    assert psnr(visit.picture(), before) > 45
+
+
+@pytest.mark.slow
 def test_a_drag_takes_the_camera_over(visit, tmp_path):
     """Oracle: orbiting keeps the distance to the target, and not the place."""
     write_page(moving_stage(), tmp_path / "page.html", request=REQUEST)
@@ -272,6 +294,8 @@ def test_other_captures_are_shown(data, visit, host, tmp_path):
     assert visit.page.evaluate(count) == 8406
     visit.drop(other)
     visit.wait()
+    visit.page.keyboard.press("v")
+    assert "is not in the page" in visit.message() and "#" not in visit.page.url
     assert visit.page.evaluate(count) == 58649
     assert visit.page.locator(".sse-viewer").count() == 1
 
@@ -299,18 +323,29 @@ def test_what_cannot_be_shown_is_said_as_text(visit, tmp_path, name, said):
 @pytest.mark.slow
 @pytest.mark.parametrize("size", [(390, 844), (844, 390), (300, 300)])
 def test_all_of_the_picture_is_in_windows_of_any_shape(browser, tmp_path, size):
-    """Oracle: similar triangles: the picture's half width and height at distance 1, or more."""
+    """Oracle: similar triangles: the picture's half width and height at distance 1, or more; also
+    after the window was turned."""
     write_page(moving_stage(), tmp_path / "page.html", request=REQUEST)
     visit = Visit(browser, size)
     visit.go((tmp_path / "page.html").as_uri() + "?noui&noanim")
+    seen = window_of(visit)
+    visit.page.set_viewport_size({"width": size[1], "height": size[0] + 60})
+    visit.picture()
+    turned = window_of(visit)
+    visit.page.close()
     fov = parsed(tmp_path / "page.html").data["settings"]["cameras"][0]["initial"]["fov"]
     wide = np.tan(np.radians(fov) / 2)
     high = wide * SIZE[1] / SIZE[0]
-    seen = visit.page.evaluate(
+    assert min(seen[0] / wide, seen[1] / high) == pytest.approx(1, rel=1e-3)
+    assert min(turned[0] / wide, turned[1] / high) == pytest.approx(1, rel=1e-3)
+
+
+def window_of(visit: Visit) -> list[float]:
+    """Half of the width and height of what the camera shows at distance 1."""
+    found: list[float] = visit.page.evaluate(
         """() => {
           const {data} = viewer.app.root.findByName("camera").camera.projectionMatrix;
           return [1 / data[0], 1 / data[5]];
         }"""
     )
-    visit.page.close()
-    assert min(seen[0] / wide, seen[1] / high) == pytest.approx(1, rel=1e-3)
+    return found

@@ -14,6 +14,7 @@ from pxr import Gf, Sdf, Usd, UsdGeom, UsdRender
 
 from tests.delegate.stages import random_cloud, two_fields
 from tests.products.page.pages import moving_stage, still_stage
+from tests.render.test_subject import block, place
 from usdsplat import schema
 from usdsplat.core.errors import StageError, UsageError
 from usdsplat.delegate.engine import Engine
@@ -104,6 +105,25 @@ def test_an_automatic_camera_shows_the_subject_in_narrow_windows():
     assert found.fovs[0] == pytest.approx(2 * math.degrees(math.atan(top)))
 
 
+def test_an_automatic_camera_of_a_place_turns_around_what_it_frames():
+    """Oracle: target and distance of `frame`; the place is around a block of 2 by 2 by 2. Of the
+    block alone, narrow windows show no more than its diagonal."""
+    stages = [Usd.Stage.CreateInMemory() for _ in range(2)]
+    for stage, cloud in zip(stages, (place(), block()), strict=True):
+        schema.author(stage, "/A", cloud)
+    found, alone = (page_camera(stage, PageRequest(), None) for stage in stages)
+    assert np.linalg.norm(found.targets) < 3
+    size = np.linalg.norm(found.positions - found.targets)
+    with Engine(stages[0]) as engine:
+        spec = engine.view(resolution=(1920, 1080)).camera
+        target, distance = engine.render_scene.seen().frame(
+            np.reshape(spec.world_to_camera, (4, 4))[:3, :3], spec.window[2:]
+        )
+    assert size == pytest.approx(distance)
+    np.testing.assert_allclose(found.targets, [target * (-1, 1, -1)], atol=1e-6)
+    assert 0.9 < alone.aspect < 1.2
+
+
 @pytest.mark.parametrize("last", [1e9, math.inf, -5.0, math.nan])
 def test_a_range_that_is_none_is_one_sentence(last):
     """Oracle: the limit, and the flag that helps."""
@@ -153,6 +173,18 @@ def test_a_camera_on_the_subject_still_looks_ahead():
     np.testing.assert_allclose(way[:2], 0, atol=1e-6)
 
 
+def with_background(color: str) -> Usd.Stage:
+    """A stage with a product of this background."""
+    stage = still_stage()
+    settings = UsdRender.Settings.Define(stage, "/Render")
+    product = UsdRender.Product.Define(stage, "/Render/Product")
+    settings.GetProductsRel().AddTarget(product.GetPath())
+    stage.SetMetadata("renderSettingsPrimPath", "/Render")
+    attribute = settings.GetPrim().CreateAttribute("splat:background", Sdf.ValueTypeNames.Token)
+    attribute.Set(color)
+    return stage
+
+
 @pytest.mark.parametrize(
     ("authored", "asked", "is_capture", "expected"),
     [
@@ -161,23 +193,21 @@ def test_a_camera_on_the_subject_still_looks_ahead():
         ("white", None, False, (1, 1, 1)),
         ("white", "0,0.5,1", False, (0, 0.5, 1)),
         ("white", "transparent", True, (0, 0, 0)),
+        (" White ", None, False, (1, 1, 1)),
+        ("white", " Auto ", True, (56 / 255,) * 3),
     ],
 )
 def test_the_background_is_that_of_the_picture(authored, asked, is_capture, expected):
     """Oracle: the colours by hand; grey is #383838, and where pictures are transparent, black."""
-    stage = still_stage()
-    if authored:
-        settings = UsdRender.Settings.Define(stage, "/Render")
-        product = UsdRender.Product.Define(stage, "/Render/Product")
-        settings.GetProductsRel().AddTarget(product.GetPath())
-        stage.SetMetadata("renderSettingsPrimPath", "/Render")
-        attribute = settings.GetPrim().CreateAttribute("splat:background", Sdf.ValueTypeNames.Token)
-        attribute.Set(authored)
+    stage = with_background(authored) if authored else still_stage()
     found = page_camera(stage, PageRequest(background=asked), None, is_capture=is_capture)
     assert found.background == pytest.approx(expected)
 
 
 def test_a_background_that_is_no_colour_is_an_error():
-    """Oracle: the words of `render`."""
-    with pytest.raises(UsageError, match="expected transparent, black, grey, white, #rrggbb"):
+    """Oracle: the words of `render`: who gave it, what was found, and what is possible."""
+    expected = "expected auto, transparent, black, grey, white, #rrggbb"
+    with pytest.raises(UsageError, match=f"^--background: found 'bright', {expected}"):
         page_camera(still_stage(), PageRequest(background="bright"), None)
+    with pytest.raises(UsageError, match=f"^splat:background: found 'purple', {expected}"):
+        page_camera(with_background("purple"), PageRequest(), None)

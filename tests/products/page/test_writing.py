@@ -12,7 +12,7 @@ from pxr import Usd, UsdGeom
 
 from tests.delegate.stages import random_cloud, two_fields
 from tests.products.page.pages import moving_stage, parsed, still_stage
-from usdsplat import export_capture, formats, schema
+from usdsplat import convert, export_capture, formats, schema
 from usdsplat.core.edits import parsed as edit_of
 from usdsplat.core.errors import (
     FormatError,
@@ -145,6 +145,54 @@ def test_moving_splats_and_surfaces_are_noted(tmp_path):
     )
     notes = write_page(stage, tmp_path / "c.html", export=ExportOptions(time=4.0)).notes
     assert "frame 4" in notes[0]
+
+
+@pytest.mark.parametrize(
+    ("names", "title"),
+    [
+        (("a/x.ply", "b/y.ply"), "x + y"),
+        (("hall/lod-meta.json",), "hall"),
+        (("hall/meta.json", "a/x.ply"), "hall + x"),
+    ],
+)
+def test_the_title_is_the_name_of_what_is_shown(tmp_path, names, title):
+    """Oracle: the names by hand."""
+    formats.write(random_cloud(1, n=900), tmp_path / "scan.ply")
+    tree, how = tmp_path / "tree.usda", LodOptions(leaf_splats=300)
+    build_tree(tmp_path / "scan.ply", tree, options=how)
+    for name in names:
+        path = tmp_path / name
+        path.parent.mkdir(exist_ok=True)
+        source = tree if path.name == "lod-meta.json" else tmp_path / "scan.ply"
+        convert(source, path)
+    write_page([tmp_path / name for name in names], tmp_path / "page.html")
+    assert parsed(tmp_path / "page.html").title == title
+
+
+def test_a_stage_in_memory_makes_the_same_bytes_each_time(tmp_path):
+    """Oracle: another stage with the same content, in another layer."""
+    for name in ("a.html", "b.html"):
+        write_page(still_stage(), tmp_path / name)
+    assert (tmp_path / "a.html").read_bytes() == (tmp_path / "b.html").read_bytes()
+    assert parsed(tmp_path / "a.html").title == "capture"
+
+
+def test_missing_folders_are_made(shot, tmp_path):
+    """Oracle: the files; on an error the folders are removed again."""
+    for target in (tmp_path / "a" / "b" / "index.html", tmp_path / "c" / "d" / "page.html"):
+        write_page(shot, target)
+        assert target.is_file()
+    with pytest.raises(StageError):
+        write_page(Usd.Stage.CreateInMemory(), tmp_path / "e" / "f" / "index.html")
+    assert not (tmp_path / "e").exists()
+
+
+@pytest.mark.parametrize("name", ["f.txt/index.html", "f.txt/a/index.html", "f.txt/page.html"])
+def test_a_file_in_place_of_the_folder_is_one_sentence(shot, tmp_path, name):
+    """Oracle: the class of the error, and its words."""
+    (tmp_path / "f.txt").write_text("mine")
+    with pytest.raises(OutputError, match=r"found a file, .*f\.txt, expected a place"):
+        write_page(shot, tmp_path / name)
 
 
 def test_a_large_page_is_noted(shot, tmp_path, monkeypatch):

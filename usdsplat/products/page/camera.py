@@ -6,7 +6,6 @@ those with axes "rdf" are upright. Its field of view is that of the longer side.
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -19,13 +18,19 @@ from usdsplat.core.cloud import F64
 from usdsplat.core.errors import UsageError
 from usdsplat.delegate.engine import Engine
 from usdsplat.delegate.scene_delegate.cameras import read_camera
-from usdsplat.images.background import AUTO, Background, parse_background
+from usdsplat.images.background import (
+    TRANSPARENT,
+    Background,
+    background_source,
+    parse_background,
+)
 from usdsplat.interchange.placement import stage_frame
 from usdsplat.products.planning import find_camera
 from usdsplat.products.request import MOST_PIXELS
 from usdsplat.render.framing import conform
 from usdsplat.render.settings import RenderSettings
 from usdsplat.render.specs import CameraSpec, Framing
+from usdsplat.render.subject import FILL, of_box
 
 AXES = "rdf"
 """Axes of the captures in pages."""
@@ -102,8 +107,11 @@ def page_camera(
             raise UsageError("--resolution", str(side), f"at most {MOST_PIXELS} pixels on a side")
     with Engine(stage, time=time) as engine:
         path, framing, text = _chosen(engine, request)
+        where = background_source(is_requested=request.background is not None)
+        auto = "grey" if is_capture else TRANSPARENT
+        background = parse_background(text, auto=auto, where=where)
         spec = engine.view(path, framing=framing).camera
-        box = engine.render_scene.subject() or (np.full(3, -0.5), np.full(3, 0.5))
+        subject = engine.render_scene.seen() or of_box((np.full(3, -0.5), np.full(3, 0.5)))
         rate = engine.stage_info().time_codes_per_second
     frames: tuple[float, ...] = (time or 0.0,)
     specs = [spec]
@@ -112,9 +120,18 @@ def page_camera(
         found = list(_specs(stage, path, moving))
         if any(each != found[0] for each in found) or request.frames is not None:
             frames, specs = moving, found
-    aspect = framing.aspect if path is not None else min(framing.aspect, _aspect(spec, box))
+    directions, position = _pose(spec)
+    middle, half = subject.extent(directions)
+    aspect = framing.aspect
+    if path is None:
+        width = subject.half_width(directions, position) / FILL
+        aspect = min(aspect, width / spec.window[3]) or aspect
     eye = _Eye(
-        matrix=TURN @ change(stage_frame(stage), AXES), box=box, framing=framing, aspect=aspect
+        matrix=TURN @ change(stage_frame(stage), AXES),
+        middle=middle,
+        nearest=max(0.1 * float(half.max()), 1e-3),
+        framing=framing,
+        aspect=aspect,
     )
     for each in specs:
         eye.add(each)
@@ -127,7 +144,7 @@ def page_camera(
         targets=np.array(eye.targets),
         ups=np.array(eye.ups),
         fovs=np.array(eye.fovs),
-        background=_background(text, is_capture=is_capture),
+        background=background or (0.0, 0.0, 0.0),
         start=int(np.argmin(np.abs(np.array(frames) - (time or 0.0)))),
         notes=tuple(eye.notes),
     )
@@ -145,17 +162,6 @@ def _chosen(engine: Engine, request: PageRequest) -> tuple[str | None, Framing, 
             path = product.camera
     text = background if request.background is None else request.background
     return path or next(iter(engine.cameras()), None), framing, text
-
-
-def _background(text: str, *, is_capture: bool) -> Background:
-    """Return a colour; a page has one where a picture is transparent.
-
-    Raises:
-        UsageError: If the text is no colour.
-    """
-    if text.strip().lower() == AUTO:
-        text = "grey" if is_capture else "black"
-    return parse_background(text, where="background") or (0.0, 0.0, 0.0)
 
 
 def _frames(
@@ -188,14 +194,11 @@ def _specs(stage: Usd.Stage, path: str, frames: Sequence[float]) -> Iterator[Cam
         yield read_camera(prim, Usd.TimeCode(frame), UsdGeom.XformCache(frame))
 
 
-def _aspect(spec: CameraSpec, box: tuple[F64, F64]) -> float:
-    """Return the width of a subject before a centred camera over the height of its picture."""
-    view = np.array(spec.world_to_camera).reshape(4, 4)
-    corners = np.array(list(itertools.product(*zip(*box, strict=True))))
-    x, _, z = view[:3, :3] @ corners.T + view[:3, 3:]
-    if not (z < 0).all():
-        return math.inf
-    return float(np.max(np.abs(x / z)) / spec.window[3])
+def _pose(spec: CameraSpec) -> tuple[F64, F64]:
+    """Return the directions of a camera, rows right, up and back, and its position."""
+    to_world = np.linalg.inv(np.reshape(spec.world_to_camera, (4, 4)))
+    axes = to_world[:3, :3] / np.linalg.norm(to_world[:3, :3], axis=0)
+    return axes.T, to_world[:3, 3]
 
 
 @dataclass(slots=True, eq=False, kw_only=True)
@@ -204,8 +207,10 @@ class _Eye:
 
     matrix: F64
     """Rotation from the stage, shape (3, 3)."""
-    box: tuple[F64, F64]
-    """Corners of the subject, in the stage's coordinates."""
+    middle: F64
+    """Middle of the subject, in the stage's coordinates, shape (3,)."""
+    nearest: float
+    """Least distance of the target [scene unit]."""
     framing: Framing
     aspect: float
     """See `PageCamera`."""
@@ -217,12 +222,8 @@ class _Eye:
 
     def add(self, spec: CameraSpec) -> None:
         """Add the pose of a camera, and notes on what the viewer cannot show."""
-        view = np.array(spec.world_to_camera).reshape(4, 4)
-        to_world = np.linalg.inv(view)
-        up, back = (to_world[:3, k] / np.linalg.norm(to_world[:3, k]) for k in (1, 2))
-        position = to_world[:3, 3]
-        center, size = 0.5 * (self.box[0] + self.box[1]), float(np.ptp(self.box, axis=0).max())
-        depth = max(float((center - position) @ -back), 0.05 * size, 1e-3)
+        (_, up, back), position = _pose(spec)
+        depth = max(float((self.middle - position) @ -back), self.nearest)
         target = position - depth * back
         (left, bottom, right, top), pixel_aspect = conform(spec.window, self.framing)
         middle = max(abs(left + right), abs(bottom + top))

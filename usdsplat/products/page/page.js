@@ -6,7 +6,9 @@
   const query = new URL(location.href).searchParams;
   const READABLE = /\.(ply|sog|json)$/i;
   const TURNTABLE = { seconds: 30, keys: 180 };
+  const USUAL_FOV = 85; // the viewer's, for captures without a camera [deg]
   let viewer = null;
+  let isDropped = false; // whether the viewer shows a file that was dropped
   let asked = 0;
 
   function say(text) {
@@ -80,15 +82,18 @@
     return `#[${view.map((x) => Number(x.toPrecision(6)))}]`;
   }
 
-  // A field of view of the longer side of the picture, as one of the longer side of the window [deg]
-  // in which all of the picture is visible.
-  function fitted(fov) {
+  // The longer side of a window in which all of the picture is visible, over that of the picture.
+  function longer() {
     const window = innerWidth / innerHeight;
-    const longer = Math.tan((fov * Math.PI) / 360);
-    const [width, height] = page.aspect > 1 ? [longer, longer / page.aspect] : [longer * page.aspect, longer];
-    const shown = window > 1 ? Math.max(width, height * window) : Math.max(height, width / window);
-    return (Math.atan(shown) * 360) / Math.PI;
+    const [width, height] = page.aspect > 1 ? [1, 1 / page.aspect] : [page.aspect, 1];
+    return window > 1 ? Math.max(width, height * window) : Math.max(height, width / window);
   }
+
+  // A field of view with the tangent of its half multiplied [deg].
+  const widened = (fov, factor) => (Math.atan(factor * Math.tan((fov * Math.PI) / 360)) * 360) / Math.PI;
+
+  // A field of view of the longer side of the picture, as one of the longer side of the window [deg].
+  const fitted = (fov) => widened(fov, longer());
 
   // A camera that goes once around its target and begins at its pose.
   function turntable({ position, target, up, fov }) {
@@ -121,16 +126,40 @@
       track.keyframes.values.fov = track.keyframes.values.fov.map(fitted);
       return { settings: { ...settings, cameras: [{ initial }] }, ups: page.ups, isStill: false };
     }
-    const { up, ...camera } = pose ?? { ...initial, up: page.ups };
-    const { track: round, ups } = turntable({ ...camera, up });
-    const still = { cameras: [{ initial: camera }], animTracks: [round], startMode: "animTrack" };
-    return { settings: { ...settings, ...still }, ups, isStill: true };
+    return stillShot(pose ?? { ...initial, up: page.ups });
   }
 
-  // Other captures have no camera: the viewer shows all of them.
-  function shotOfOther() {
+  // A camera that stands still until it is played, which turns it around its target.
+  function stillShot({ up, ...camera }) {
+    const { track, ups } = turntable({ ...camera, up });
+    const still = { cameras: [{ initial: camera }], animTracks: [track], startMode: "animTrack" };
+    return { settings: { ...page.settings, ...still }, ups, isStill: true };
+  }
+
+  // Other captures have no camera but that of the address: the viewer shows all of them.
+  function shotOfOther(pose = null) {
+    if (pose) return stillShot(pose);
     const settings = { ...page.settings, cameras: [], animTracks: [], startMode: "default" };
     return { settings, ups: null, isStill: false };
+  }
+
+  // The camera of the address for a capture of unknown size: its target is the point of its axis that
+  // is nearest to the origin of the file.
+  function poseOfOther() {
+    const { position, target } = poseInAddress(1, USUAL_FOV) ?? {};
+    if (!position) return null;
+    const ahead = -dot(position, plus(target, position, -1));
+    return poseInAddress(ahead > 0 ? ahead : Math.hypot(...position) || 1, USUAL_FOV);
+  }
+
+  // Windows change their shape, and phones turn. The fields of view of the settings are those of the
+  // window at the beginning.
+  function refit(shown) {
+    const camera = shown.app.root.findByName("camera").camera;
+    const before = longer();
+    shown.app.on("update", () => {
+      if (shown.state.loaded && !shown.app.xr?.active) camera.fov = widened(camera.fov, longer() / before);
+    });
   }
 
   // The viewer keeps the horizon level. Roll the animated camera as the stage's is.
@@ -153,7 +182,7 @@
 
   // --- the viewer ---------------------------------------------------------------------------
 
-  async function show(capture, shot) {
+  async function show(capture, shot, { isOwn = false, wasDropped = false } = {}) {
     say("");
     if (!READABLE.test(capture.name)) {
       say(`${capture.name}: expected .ply, .compressed.ply, .sog or lod-meta.json`);
@@ -161,6 +190,7 @@
     }
     viewer?.destroy();
     viewer = null;
+    isDropped = wasDropped;
     const mine = ++asked;
     const budget = Number(query.get("budget"));
     const shown = await createViewer({
@@ -180,6 +210,7 @@
     }
     shown.app.assets.on("error", () => say(`${capture.name}: the viewer cannot read it`));
     if (shot.ups) roll(shown, shot);
+    if (isOwn) refit(shown);
     viewer = shown;
     globalThis.viewer = shown; // for scripts, with the viewer's own interface
   }
@@ -193,11 +224,11 @@
     }
     const address = query.get("url");
     if (address) {
-      await show(fromAddress(address), shotOfOther());
+      await show(fromAddress(address), shotOfOther(poseOfOther()));
       return;
     }
     const own = page.url ? { name: page.capture, url: new URL(page.url, location.href).href } : embedded();
-    await show(own, shotOf());
+    await show(own, shotOf(), { isOwn: true });
   }
 
   addEventListener("dragover", (event) => {
@@ -211,11 +242,15 @@
     event.preventDefault();
     document.body.classList.remove("dropping");
     const [file] = event.dataTransfer.files;
-    if (file) show({ name: file.name, blob: file }, shotOfOther()).catch(failed);
+    if (file) show({ name: file.name, blob: file }, shotOfOther(), { wasDropped: true }).catch(failed);
   });
   addEventListener("hashchange", () => location.reload());
   addEventListener("keydown", (event) => {
     if (event.key !== "v" || event.ctrlKey || event.altKey || event.metaKey || !viewer) return;
+    if (isDropped) {
+      say("A file that was dropped is not in the page: an address cannot show it to others.");
+      return;
+    }
     history.replaceState(null, "", addressOfPose(viewer.app.root.findByName("camera")));
   });
   begin().catch(failed);

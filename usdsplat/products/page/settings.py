@@ -84,8 +84,8 @@ def _track(camera: PageCamera) -> tuple[dict[str, Any], F64]:
 
 
 def _is_closed(camera: PageCamera) -> bool:
-    """Return whether the way from the last pose to the first is at most twice the longest of a
-    frame."""
+    """Return whether the last pose is as near to the first as two frames at the camera's highest
+    speed."""
     poses = np.hstack([camera.positions, camera.targets])
     times = np.diff(camera.frames)
     speeds = np.linalg.norm(np.diff(poses, axis=0), axis=1) / times

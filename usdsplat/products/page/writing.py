@@ -11,6 +11,7 @@ from pxr import Usd, UsdGeom, UsdVol
 from usdsplat import formats, schema
 from usdsplat.core.edits import Edit
 from usdsplat.core.errors import OutputError, UnknownFormatError, UsageError
+from usdsplat.core.folders import check_folder, made_folder
 from usdsplat.core.output import is_private, output_file, output_group, write_output
 from usdsplat.core.progress import Progress, silent
 from usdsplat.core.text import shown
@@ -48,6 +49,10 @@ INDEX = "index.html"
 CAPTURE = "scene.sog"
 STREAMED = "scene"
 """Folder of a streamed SOG beside the page."""
+META_FILES = (LOD_META, "meta.json")
+"""Files that have the same name in each folder of a capture."""
+UNNAMED = "capture"
+"""Title of what has no name."""
 LARGE = 100_000_000
 """Size from which on a page in one file has a note [byte]."""
 PAGE = PageRequest()
@@ -111,6 +116,7 @@ def write_page(
     path = Path(target)
     if not is_page(path):
         raise UnknownFormatError(str(path), f"suffix {path.suffix!r}", SUFFIX)
+    check_folder(path.parent)
     stage, name, inputs = _opened(source, options, edits, progress)
     files.check_not_input(path, inputs)
     is_stage = not isinstance(source, list | tuple) and not _is_capture(source)
@@ -120,6 +126,7 @@ def write_page(
     work = _Work(
         stage=stage,
         source=name,
+        title=_title(source),
         target=path,
         reading=StageReading(
             prim_path=options.prim_path if is_stage else None, time=time, trees=export.trees
@@ -133,6 +140,19 @@ def write_page(
 
 def _is_capture(source: Path | str | Usd.Stage) -> bool:
     return not isinstance(source, Usd.Stage) and not files.is_usd(Path(source))
+
+
+def _title(source: Path | str | Usd.Stage | Sequence[Path | str]) -> str:
+    """Return the title of a page: the names of the files, that of the folder for `META_FILES`, and
+    `UNNAMED` for a stage in memory."""
+    if isinstance(source, Usd.Stage):
+        layer = source.GetRootLayer()
+        return UNNAMED if layer.anonymous else Path(layer.realPath or layer.identifier).stem
+    paths = [Path(source)] if isinstance(source, Path | str) else [Path(each) for each in source]
+    return " + ".join(
+        (each.absolute().parent.name if each.name in META_FILES else each.stem) or UNNAMED
+        for each in paths
+    )
 
 
 def _opened(
@@ -167,6 +187,7 @@ class _Work:
 
     stage: Usd.Stage
     source: str
+    title: str
     target: Path
     reading: StageReading
     camera: PageCamera
@@ -176,8 +197,12 @@ class _Work:
     def file(self) -> PageReport:
         """Write one file with everything inside."""
         data, report, antialiased = self._capture()
-        document = self._document(report.source, antialiased)
-        with output_file(self.target) as output, output.open() as file:
+        document = self._document(antialiased)
+        with (
+            made_folder(self.target.parent),
+            output_file(self.target) as output,
+            output.open() as file,
+        ):
             for part in document.parts(memoryview(data)):
                 file.write(part)
             size = file.tell()
@@ -192,7 +217,7 @@ class _Work:
     def folder(self) -> PageReport:
         """Write a page with the viewer and the capture beside it."""
         folder = self.target.parent
-        with output_group() as group:
+        with made_folder(folder.parent), output_group() as group:
             earlier = len(group.moves)
             if not folder.exists():
                 group.make_folder(folder)
@@ -210,7 +235,7 @@ class _Work:
             group.make_folder(folder / VIEWER.name)
             for each in VIEWER_FILES:
                 write_output(folder / VIEWER.name / each, (VIEWER / each).read_bytes())
-            document = self._document(report.source, antialiased, capture=name, url=url)
+            document = self._document(antialiased, capture=name, url=url)
             write_output(self.target, b"".join(document.parts(memoryview(b""))))
             written = {move.final: move.made.stat().st_size for move in group.moves[earlier:]}
         note = (
@@ -244,12 +269,10 @@ class _Work:
         modes = {item.rasterize_mode for item in appearances(self.stage, self.reading)[0]}
         return replace(report, source=self.source), modes == {"antialiased"}
 
-    def _document(
-        self, source: str, antialiased: bool, *, capture: str = CAPTURE, url: str = ""
-    ) -> Document:
+    def _document(self, antialiased: bool, *, capture: str = CAPTURE, url: str = "") -> Document:
         settings, ups = viewer_settings(self.camera)
         return Document(
-            title=shown(Path(source).stem or source),
+            title=shown(self.title),
             settings=settings,
             ups=ups,
             aspect=self.camera.aspect,
