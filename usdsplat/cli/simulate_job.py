@@ -27,9 +27,9 @@ def run_tasks(order: BakeOrder, reporter: Reporter) -> None:
         JobError: If a task fails.
     """
     options, bakes = order.options, _bakes(order)
+    check_folder(order.target.parent)
     if bakes is None and order.target.exists() and not options.resume:
         raise OutputError(str(order.target), "a file", "a new name, or --resume")
-    check_folder(order.target.parent)
     task = replace(_task(options), json=True, reporting=of_task(options.reporting))
     workers = environments(options.job, device=task.device, threads=options.threads)
     with JobRunner(options.job, reporter, workers[: bakes or 1]) as runner:
