@@ -63,9 +63,7 @@ def test_only_the_first_words_may_refer_to_parameters():
             template_of(job, bundle())
 
 
-@pytest.mark.parametrize(
-    "name", ["a{{b.usd", "{{Param.Stage}}", "}}", "{" * 200, "{{{x}}}", "a{b}"]
-)
+@pytest.mark.parametrize("name", ["a{{b", "{{Param.Stage}}", "}}", "{" * 200, "{{{x}}}", "{a}"])
 def test_braces_in_the_name_of_a_stage_are_no_references(name):
     """Oracle: the parser of Open Job Description."""
     model = pytest.importorskip("openjd.model")
@@ -85,7 +83,7 @@ def test_a_step_of_too_many_tasks_is_refused_with_advice_where_it_helps():
         "found 1100 tasks in a step, expected at most 1024, by a larger --chunk"
     )
     job = bake_job(("simulate",), (1.0, 2.0), bakes=1100, chunk=None)
-    with pytest.raises(UsageError, match="found 1100 bakes in a step, expected at most 1024$"):
+    with pytest.raises(UsageError, match=r"found 1100 bakes in a step, expected at most 1024$"):
         template_of(job, bundle())
 
 
