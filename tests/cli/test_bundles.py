@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -233,6 +234,60 @@ def test_what_is_in_the_way_of_a_bundle_is_named(run, shot, tmp_path, there, fou
     assert not there or sorted(each.name for each in folder.iterdir()) == list(there)
 
 
+def test_a_bundle_that_cannot_be_written_leaves_nothing(run, capture, tmp_path, monkeypatch):
+    """Oracle: the sentence with the name of the input, and the file system; then the corrected
+    command. A file that is there for its check and gone for the copy is one that never copies."""
+    missing, folder = tmp_path / "missing.ply", tmp_path / "new" / "bundle"
+    status, out, err = run("lod", capture, missing, "-o", "c.usda", "--openjd", folder)
+    assert (status, out) == (2, "") and err.startswith(f"usdsplat: {missing}: found no such file")
+    assert not folder.parent.exists()
+    other = tmp_path / "other.ply"
+    formats.write(ball(seed=1), other)
+    words = ("lod", capture, other, "-o", "c.usda", "--openjd", folder)
+    copy = shutil.copyfile
+
+    def fails(source, target):
+        if source == other:
+            raise PermissionError(13, "Permission denied", str(source))
+        copy(source, target)
+
+    for place in (folder.parent, folder):  # neither is there, then an empty folder
+        monkeypatch.setattr(shutil, "copyfile", fails)
+        status, out, err = run(*words)
+        expected = f"expected what can be copied to {folder / 'assets' / '2'}"
+        assert (status, out) == (2, "")
+        assert err == f"usdsplat: {other}: found permission denied, {expected}\n"
+        assert folder.exists() == (place == folder) and not list(place.glob("*"))
+        folder.mkdir(parents=True, exist_ok=True)
+    monkeypatch.undo()
+    assert run(*words)[0] == 0
+
+
+@pytest.mark.parametrize("command", ["render", "simulate", "lod"])
+def test_inputs_that_are_missing_are_said_before_a_bundle_is_written(run, sim, tmp_path, command):
+    """Oracle: by hand: a finding for a sublayer and for a reference; --strict writes nothing."""
+    stage = Usd.Stage.Open(str(sim))
+    stage.GetRootLayer().subLayerPaths.append("./gone.usda")
+    stage.DefinePrim("/World/Gone").GetReferences().AddReference("./lost.usda")
+    stage.Save()
+    flags = () if command == "lod" else CPU
+    output = "a.##.exr" if command == "render" else "b.usda"
+    words = (command, sim, "-o", output, *flags, "--openjd", tmp_path / "bundle")
+    status, out, err = run(*words, "--strict")
+    assert (status, out) == (1, "") and not (tmp_path / "bundle").exists()
+    for text in ("[missing-asset] /: found no sublayer", "[missing-asset] /World/Gone: found no"):
+        assert err.count(text) == 1
+    status, _, again = run(*words)
+    assert status == 0 and again.count("[missing-asset]") == 2
+
+
+def test_a_stage_without_a_simulation_has_no_bundle_of_bakes(run, shot, tmp_path):
+    """Oracle: the sentence."""
+    status, _, err = run("simulate", shot, "-o", "b.usda", "--openjd", tmp_path / "bundle")
+    assert status == 2 and "shot.usda: found no SplatSim prim, expected one" in err
+    assert not (tmp_path / "bundle").exists()
+
+
 # --- bakes and trees -----------------------------------------------------------------------
 
 
@@ -294,9 +349,9 @@ def test_a_building_is_four_steps(run, capture, tmp_path):
 @pytest.mark.parametrize(
     ("command", "flags", "sentence"),
     [
-        ("simulate", ("--force",), "--force: found it with --jobs, --dask or --openjd"),
+        ("simulate", ("--force",), "--force: found --force with a job, expected --resume, or a"),
         ("simulate", ("--set", "sim:seed={{1}}"), "expected "),
-        ("lod", ("--chunk", "2"), "--chunk: found it with this command"),
+        ("lod", ("--chunk", "2"), "--chunk: found --chunk with lod, expected no such flag: its"),
         ("lod", ("--step", "begin"), "--step: found it with --jobs, --dask or --openjd"),
     ],
     ids=lambda each: str(each)[:24],

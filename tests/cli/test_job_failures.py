@@ -20,6 +20,7 @@ import pytest
 
 from tests.jobs.test_local import children
 from tests.products.test_tiles import content
+from usdsplat.jobs.local import MARKED
 
 pytestmark = [
     pytest.mark.usefixtures("compiled"),
@@ -74,6 +75,50 @@ def check_rest(words, out, alone):
     assert sorted(each.name for each in out.parent.iterdir()) == sorted(alone)
 
 
+WAITING = """
+import time
+from pathlib import Path
+from usdsplat.cli import worker
+from usdsplat.core import interrupt
+
+def waiting(words, keeper, carried_out=worker.carried_out, begun=[]):
+    begun.append(words)
+    while len(begun) > 1 and not Path({gate!r}).exists():
+        interrupt.check()
+        time.sleep(0.02)
+    return carried_out(words, keeper)
+
+if worker.carried_out.__name__ != "waiting":  # Dask loads a module twice
+    worker.carried_out = waiting
+"""
+
+
+@pytest.fixture
+def gate(tmp_path):
+    """A missing file, for which all tasks but the first of each worker wait: of workers that load
+    `waits/waiting.py` beside it, as those of a client with the environment `waits(gate)` do."""
+    folder = tmp_path / "waits"
+    folder.mkdir()
+    (folder / "waiting.py").write_text(WAITING.format(gate=str(tmp_path / "gate")))
+    (folder / "sitecustomize.py").write_text(
+        f"import os\nif os.environ.get({MARKED!r}):\n    import waiting\n"
+    )
+    return tmp_path / "gate"
+
+
+def waits(gate):
+    path = [str(gate.with_name("waits")), *filter(None, [os.environ.get("PYTHONPATH")])]
+    return {**os.environ, "PYTHONPATH": os.pathsep.join(path)}
+
+
+def until(is_so):
+    """Wait until something is so."""
+    deadline = time.monotonic() + LONG
+    while not is_so():
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+
+
 # --- processes of this machine -------------------------------------------------------------
 
 
@@ -98,18 +143,18 @@ def test_whatever_is_killed_each_picture_is_whole_or_absent(shot, tmp_path, alon
     check_rest(words, out, alone)
 
 
-def test_ctrl_c_says_how_to_go_on(shot, tmp_path, alone):
+def test_ctrl_c_says_how_to_go_on(shot, tmp_path, alone, gate):
     """Oracle: as above; status 130 and one sentence with the command."""
     out = tmp_path / "job" / "a.####.exr"
     words = ("render", shot, "-o", out, *FLAGS, "--jobs", "1", "--chunk", "1")
-    with begun(*words, preexec_fn=listening) as client:
+    with begun(*words, preexec_fn=listening, env=waits(gate)) as client:
         assert client.stdout.readline() == f"{out.parent / 'a.0001.exr'}\n"
         client.send_signal(signal.SIGINT)
         status, told = ended(client)
     assert status == 130 and len(told) == 1
     assert told[0].startswith(f"usdsplat: interrupted; go on with: usdsplat render {shot}")
     assert told[0].endswith(" --resume")
-    assert pictures(out.parent).items() <= alone.items()
+    assert pictures(out.parent) == {"a.0001.exr": alone["a.0001.exr"]}
 
 
 def listening():
@@ -176,18 +221,19 @@ def test_a_read_only_folder_is_refused_before_the_first_task(run, shot, tmp_path
 
 
 @pytest.mark.slow
-def test_a_folder_that_is_taken_away_is_a_sentence_of_each_task(shot, tmp_path, alone):
+def test_a_folder_that_is_taken_away_is_a_sentence_of_each_task(shot, tmp_path, alone, gate):
     """Oracle: as above. The folder is replaced by a file after the first picture."""
     out = tmp_path / "job" / "a.####.exr"
     words = ("render", shot, "-o", out, *FLAGS, "--jobs", "1", "--chunk", "1", "--retries", "0")
-    with begun(*words) as process:
+    with begun(*words, env=waits(gate)) as process:
         assert process.stdout.readline() == f"{out.parent / 'a.0001.exr'}\n"
         out.parent.rename(tmp_path / "away")
         out.parent.touch()
+        gate.touch()
         status, told = ended(process)
-    assert status == 2 and 1 <= len(told) - 1 <= 3
+    assert status == 2 and len(told) == 3 + 1
     assert all(str(out.parent) in line for line in told[:-1])
-    assert pictures(tmp_path / "away").items() <= alone.items()
+    assert pictures(tmp_path / "away") == {"a.0001.exr": alone["a.0001.exr"]}
     assert out.parent.read_bytes() == b""
 
 
@@ -222,10 +268,7 @@ class Cluster:
 
         from distributed import Client
 
-        deadline = time.monotonic() + LONG
-        while not self._file.exists():
-            assert time.monotonic() < deadline
-            time.sleep(0.05)
+        until(self._file.exists)
         address = json.loads(self._file.read_text())["address"]
         with Client(address) as client:
             client.wait_for_workers(len(self.workers), timeout=LONG)
@@ -267,9 +310,9 @@ def test_two_workers_that_share_a_folder_draw_what_one_process_draws(
     assert len(list(out.parent.iterdir())) == 4
 
 
-def test_a_scheduler_that_is_killed_ends_the_command(cluster, shot, tmp_path, alone):
+def test_a_scheduler_that_is_killed_ends_the_command(cluster, shot, tmp_path, alone, gate):
     """Oracle: as above: one sentence, status 2."""
-    cluster.start()
+    cluster.start("--preload", gate.with_name("waits") / "waiting.py")
     out = tmp_path / "job" / "a.####.exr"
     address = cluster.address()
     words = ("render", shot, "-o", out, *FLAGS, "--chunk", "1")
@@ -277,10 +320,10 @@ def test_a_scheduler_that_is_killed_ends_the_command(cluster, shot, tmp_path, al
         assert client.stdout.readline().startswith(str(out.parent))
         cluster.scheduler.kill()
         status, told = ended(client)
-    if status:  # else all was finished before
-        expected = f"--dask {address}: found a scheduler that ended, expected one that runs"
-        assert (status, told) == (2, [f"usdsplat: {expected}; --resume goes on"])
-    assert pictures(out.parent).items() <= alone.items()
+    expected = f"--dask {address}: found a scheduler that ended, expected one that runs"
+    assert (status, told) == (2, [f"usdsplat: {expected}; --resume goes on"])
+    found = pictures(out.parent)
+    assert len(found) == 1 and found.items() <= alone.items()
 
 
 def test_workers_that_cannot_do_a_task_are_named_before_it_is_sent(cluster, run, shot, tmp_path):
@@ -326,16 +369,20 @@ def test_a_cluster_that_all_workers_left_is_given_up(cluster, run, shot, tmp_pat
 
 
 @pytest.mark.slow
-def test_tasks_of_a_client_that_is_killed_are_cancelled(cluster, shot, tmp_path, alone):
-    """Oracle: no picture is begun after those that were being drawn; --resume makes the rest."""
-    cluster.start()
+def test_tasks_of_a_client_that_is_killed_are_cancelled(cluster, shot, tmp_path, alone, gate):
+    """Oracle: no picture is begun after that which was being drawn; --resume makes the rest."""
+    from distributed import Client
+
+    cluster.start("--preload", gate.with_name("waits") / "waiting.py")
     out = tmp_path / "job" / "a.####.exr"
-    words = ("render", shot, "-o", out, *FLAGS, "--chunk", "1", "--dask", cluster.address())
+    address = cluster.address()
+    words = ("render", shot, "-o", out, *FLAGS, "--chunk", "1", "--dask", address)
     with begun(*words, env={**os.environ, "USDSPLAT_SUPERVISE": "0"}) as client:
         assert client.stdout.readline().startswith(str(out.parent))
         client.kill()
-    time.sleep(3)
-    found = len(pictures(out.parent))
-    time.sleep(3)
-    assert found == len(pictures(out.parent))
+    with Client(address) as other:
+        until(lambda: not other.run_on_scheduler(lambda dask_scheduler: len(dask_scheduler.tasks)))
+        gate.touch()
+        assert other.submit(abs, -1).result(timeout=LONG) == 1  # after what is being drawn
+    assert len(pictures(out.parent)) <= 2
     check_rest(words, out, alone)

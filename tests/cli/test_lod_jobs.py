@@ -72,7 +72,7 @@ def test_a_job_builds_the_same_tree(run_json, scans, tmp_path, alone):
         (("--step", "sort"), "--part: found none with --step sort, expected K/N"),
         (("--step", "all"), "--step: found 'all', expected one of begin, sort, build"),
         (("--step", "sort", "--part", "3/2"), "--part: found '3/2', expected K/N"),
-        (("--jobs", "2", "--chunk", "3"), "--chunk: found it with this command"),
+        (("--jobs", "2", "--chunk", "3"), "--chunk: found --chunk with lod, expected"),
     ],
     ids=lambda each: str(each)[:24],
 )

@@ -73,7 +73,8 @@ def test_a_bake_is_not_replaced_unasked(run, run_json, pushed, tmp_path):
     status, _, err = run(*words)
     assert status == 2 and "found a file, expected a new name, or --resume" in err
     status, _, err = run(*words, "--force")
-    assert status == 2 and "--force: found it with --jobs, --dask or --openjd" in err
+    expected = "--force: found --force with a job, expected --resume, or a new name"
+    assert status == 2 and expected in err
     assert (tmp_path / "b.usda").read_bytes() == before
     inside = tmp_path / "b.usda" / "c.usda"
     status, _, err = run("simulate", pushed, "-o", inside, *FRAMES, "--jobs", "1")

@@ -3,24 +3,28 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 
 
 def answers(*lines):
-    """What a worker prints for some lines of stdin."""
+    """What a worker prints for some lines of stdin, of text or bytes."""
+    sent = [line if isinstance(line, bytes) else line.encode() for line in lines]
     done = subprocess.run(
         [sys.executable, "-m", "usdsplat", "worker"],
-        input="".join(f"{line}\n" for line in lines), capture_output=True, text=True, timeout=120,
+        input=b"".join(line + b"\n" for line in sent), capture_output=True, timeout=120,
+        env={**os.environ, "PYTHONIOENCODING": "utf-8:strict"},
     )  # fmt: skip
-    assert (done.returncode, done.stderr) == (0, "")
+    assert (done.returncode, done.stderr) == (0, b"")
     return [json.loads(line) for line in done.stdout.splitlines()]
 
 
 def test_each_line_has_an_answer_whatever_it_is():
     """Oracle: `usdsplat --version` before, between and after lines that are no commands."""
     good = json.dumps({"words": ["--version"]})
-    bad = ["nothing", "", "[]", '{"words": "render"}', '{"words": [1]}', "\u2028", "{" * 9000]
+    deep = "[" * 200_000
+    bad = ["nothing", "", "[]", '{"words": "render"}', '{"words": [1]}', "\u2028", b"\xff", deep]
     lines = [good, *(each for line in bad for each in (line, good))]
     found = answers(*lines)
     assert [each["status"] for each in found] == [0, *(2, 0) * len(bad)]

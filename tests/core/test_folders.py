@@ -37,6 +37,23 @@ def test_a_folder_inside_a_file_is_refused(tmp_path):
         pass
 
 
+def test_nothing_can_be_written_below_a_folder_that_may_not_be_searched(tmp_path, monkeypatch):
+    """Oracle: the sentence. Root may search everywhere, so `os.stat` and `os.access` say what they
+    say to others."""
+    closed, look = tmp_path / "closed", os.stat
+    closed.mkdir()
+
+    def denied(path, *args, **options):
+        if not isinstance(path, int) and f"{closed}{os.sep}" in os.fspath(path):
+            raise PermissionError(13, "Permission denied", str(path))
+        return look(path, *args, **options)
+
+    monkeypatch.setattr(os, "stat", denied)
+    monkeypatch.setattr(os, "access", lambda path, mode: str(path) != str(closed))
+    with pytest.raises(OutputError, match="found a folder without write permission"):
+        check_folder(closed / "new" / "below")
+
+
 def test_a_folder_is_checked_before_it_is_made(tmp_path, monkeypatch):
     """Oracle: the sentences; nothing is made. Root may write everywhere, so `os.access` is asked
     to say no."""

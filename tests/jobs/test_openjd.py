@@ -63,6 +63,30 @@ def test_only_the_first_words_may_refer_to_parameters():
             template_of(job, bundle())
 
 
+@pytest.mark.parametrize("name", ["a{{b", "{{Param.Stage}}", "}}", "{" * 200, "{{{x}}}", "{a}"])
+def test_braces_in_the_name_of_a_stage_are_no_references(name):
+    """Oracle: the parser of Open Job Description."""
+    model = pytest.importorskip("openjd.model")
+    job = render_job(("render",), (1.0, 2.0), name=f"render {name}", chunk=1, tiling=None)
+    template = template_of(job, bundle((1.0, 2.0)))
+    read = model.decode_job_template(template=template, supported_extensions=["TASK_CHUNKING"])
+    assert str(read.name) == template["name"] and template["name"].startswith("usdsplat render ")
+
+
+def test_a_step_of_too_many_tasks_is_refused_with_advice_where_it_helps():
+    """Oracle: the sentences: frames that are no range, and bakes of a wedge."""
+    frames = tuple(2.0 * n for n in range(1100))
+    job = render_job(("render",), frames, name="a", chunk=1, tiling=None)
+    with pytest.raises(UsageError) as refused:
+        template_of(job, bundle(frames))
+    assert str(refused.value).endswith(
+        "found 1100 tasks in a step, expected at most 1024, by a larger --chunk"
+    )
+    job = bake_job(("simulate",), (1.0, 2.0), bakes=1100, chunk=None)
+    with pytest.raises(UsageError, match=r"found 1100 bakes in a step, expected at most 1024$"):
+        template_of(job, bundle())
+
+
 def test_parts_of_bakes_follow_each_other_and_the_sheet_follows_all():
     """Oracle: the order of the steps; chunks end at the frames that divide the range, and the last
     one at the end of the bakes."""

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import shutil
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from usdsplat.cli import console
 from usdsplat.cli.reporting import Reporter, ReportingOptions
 from usdsplat.core.errors import OutputError, UsageError
+from usdsplat.core.folders import made_folder
 
 if TYPE_CHECKING:
     from usdsplat.jobs.job import Job
@@ -68,10 +71,11 @@ def write(
         job: The job.
         bundle: What the bundle says beside.
         sources: The stage or capture; those of a folder are copied to the folders 1, 2, ... in it.
-        reporter: Prints the JSON object.
+        reporter: Has the findings on the inputs, and prints the JSON object.
         json: Whether there is one, rather than the path.
 
     Raises:
+        StrictError: With --strict, if there is a finding.
         UsageError: If the job cannot be in a template.
         OutputError: If the folder is not empty, or a file cannot be written.
         StageError: If an input cannot be copied.
@@ -79,17 +83,33 @@ def write(
     from usdsplat.jobs.openjd import ASSETS, template_of, write_bundle
     from usdsplat.products.localizing import localize
 
+    reporter.findings.check()
     template_of(job, bundle)
     _check_empty(bundle.folder)
     assets = bundle.folder / ASSETS
-    for number, source in enumerate(sources, 1):
-        localize(source, assets / str(number) if bundle.source.is_folder else assets)
-    template = write_bundle(job, bundle)[0]
+    with made_folder(bundle.folder), _emptied_on_errors(bundle.folder):
+        for number, source in enumerate(sources, 1):
+            localize(source, assets / str(number) if bundle.source.is_folder else assets)
+        template = write_bundle(job, bundle)[0]
     if json:
         reporter.print_json({"template": str(template)})
     else:
         console.say_path(template)
     return 0
+
+
+@contextmanager
+def _emptied_on_errors(folder: Path) -> Iterator[None]:
+    """Remove what was written into an empty folder, if there is an error in the context."""
+    try:
+        yield
+    except BaseException:
+        for each in folder.iterdir():
+            if each.is_dir():
+                shutil.rmtree(each, ignore_errors=True)
+            else:
+                each.unlink(missing_ok=True)
+        raise
 
 
 def _check_empty(folder: Path) -> None:

@@ -51,20 +51,19 @@ class JobOptions:
         return any(each is not None for each in (self.jobs, self.dask, self.openjd))
 
 
-def check_jobs(options: JobOptions, *without: str) -> None:
+def check_jobs(options: JobOptions, *, frameless: str = "") -> None:
     """Raise an error for options that have no effect or are out of range.
 
     Args:
         options: The options of a command.
-        without: Flags that the command cannot follow.
+        frameless: Name of the command, if its tasks have no frames, which --chunk counts.
 
     Raises:
         UsageError: If there is one.
     """
-    for each in fields(options):
-        flag = f"--{each.name}"
-        if flag in without and getattr(options, each.name) != each.default:
-            raise UsageError(flag, "it with this command", "none, which has no such tasks")
+    if frameless and options.chunk is not None:
+        found = f"--chunk with {frameless}"
+        raise UsageError("--chunk", found, "no such flag: its tasks have no frames")
     if not options.is_asked:
         for each in fields(options):
             if getattr(options, each.name) != each.default:

@@ -49,18 +49,20 @@ if TYPE_CHECKING:
 
 def run(options: Options, reporter: Reporter) -> int:
     """Build the tree, or a part of it, and print a report."""
-    from usdsplat.interchange.lod import TreeStep, build_tree, take_step
+    from usdsplat.interchange.lod import TreeStep, build_tree, inspect, take_step
     from usdsplat.kernels.compiling import on_compile
 
     if options.output is None:
         raise UsageError("lod", "no -o OUT", "one; see 'usdsplat lod --help'")
     _check_inputs(options)
-    check_jobs(options.job, "--chunk")
+    check_jobs(options.job, frameless="lod")
     if options.part is not None and options.step is None:
         raise UsageError("--part", f"{options.part} without --step", "--step sort or build")
     if options.step is not None and options.job.is_asked:
         raise UsageError("--step", "it with --jobs, --dask or --openjd", "one of them")
     if options.job.openjd is not None:
+        found = inspect(options.sources, options=_lod_options(options))
+        reporter.findings.extend(found)
         return write_bundle(options, options.job.openjd, reporter)
     if options.job.is_asked:
         run_parts(options, options.output, reporter)

@@ -51,13 +51,11 @@ def as_task(options: Options, device: str, fitted: str, first: float) -> Options
 
 
 def ends_of(frames: Sequence[float]) -> str:
-    """Return the frames that the camera of a stage without one frames."""
+    """Return the frames that the camera of a stage without one frames, as text."""
     from usdsplat.jobs.frames import frames_text
+    from usdsplat.products.frames import framed
 
-    return ",".join(
-        frames_text([each])
-        for each in dict.fromkeys((frames[0], frames[len(frames) // 2], frames[-1]))
-    )
+    return ",".join(frames_text([each]) for each in framed(frames))
 
 
 def run_as_job(

@@ -11,7 +11,7 @@ from usdsplat.cli.job_options import JobOptions, JobRunner, environments, of_tas
 from usdsplat.cli.reporting import Reporter
 from usdsplat.cli.simulate_options import BakeOrder, Options
 from usdsplat.cli.words import words_of
-from usdsplat.core.errors import OutputError, UsageError
+from usdsplat.core.errors import OutputError, StageError, UsageError
 from usdsplat.core.folders import check_folder
 
 if TYPE_CHECKING:
@@ -22,14 +22,14 @@ def run_tasks(order: BakeOrder, reporter: Reporter) -> None:
     """Bake by tasks. What is left, such as the contact sheet, is done with --resume.
 
     Raises:
-        UsageError: If the options are none of a job.
+        UsageError: If an option does not work with a job.
         OutputError: If a file exists, or nothing can be written there.
         JobError: If a task fails.
     """
     options, bakes = order.options, _bakes(order)
+    check_folder(order.target.parent)
     if bakes is None and order.target.exists() and not options.resume:
         raise OutputError(str(order.target), "a file", "a new name, or --resume")
-    check_folder(order.target.parent)
     task = replace(_task(options), json=True, reporting=of_task(options.reporting))
     workers = environments(options.job, device=task.device, threads=options.threads)
     with JobRunner(options.job, reporter, workers[: bakes or 1]) as runner:
@@ -38,7 +38,8 @@ def run_tasks(order: BakeOrder, reporter: Reporter) -> None:
 
 
 def write_bundle(order: BakeOrder, source: Path, folder: Path, reporter: Reporter) -> int:
-    """Write the bakes as an Open Job Description bundle, and return the status.
+    """Check the simulations, write the bakes as an Open Job Description bundle, and return the
+    status.
 
     Args:
         order: What is to be baked.
@@ -47,11 +48,18 @@ def write_bundle(order: BakeOrder, source: Path, folder: Path, reporter: Reporte
         reporter: See `bundles.write`.
 
     Raises:
+        StageError: If there is no simulation.
         UsdSplatError: See `bundles.write`.
     """
     from usdsplat.jobs.bakes import with_sheet
     from usdsplat.jobs.openjd import Bundle
+    from usdsplat.sim.stage.collections import find_simulations
+    from usdsplat.sim.stage.validating import validate_simulations
 
+    if not find_simulations(order.stage):
+        expected = "one; usdsplat simulate --preset makes one"
+        raise StageError(str(source), "no SplatSim prim", expected)
+    reporter.findings.extend(validate_simulations(order.stage, time=order.frames[0]))
     options, bakes, parameter = order.options, _bakes(order), bundles.stage_source(source)
     session = options.stage_opening.session_layer
     task = replace(
@@ -77,8 +85,7 @@ def _bakes(order: BakeOrder) -> int | None:
 
     options = order.options
     if options.force:  # tasks may be repeated, and would begin anew what others have done
-        found = "it with --jobs, --dask or --openjd"
-        raise UsageError("--force", found, "--resume, or a new name")
+        raise UsageError("--force", "--force with a job", "--resume, or a new name")
     if not options.wedge:
         return None
     how = order.wedge

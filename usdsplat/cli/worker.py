@@ -8,7 +8,7 @@ notes:
   `usdsplat render --jobs` starts workers itself; this command is for other programs.
   Each line of stdin is a JSON object {"words": ["render", ...]}, a command line without the
   name of the program. Each line of stdout answers one: {"status": 0, "out": "...", "err": "..."},
-  the exit status and what the command wrote. The answer to a line that is none has status 2.
+  the exit status and what the command wrote. A line of another form is answered with status 2.
   The stage of one command stays open for the next. The worker ends after the last line.
 """
 
@@ -128,9 +128,11 @@ def run_on_dask_worker(words: Sequence[str], folder: str, *before: object) -> di
 def _read(lines: queue.Queue[str | None], of_job: bool) -> None:
     """Read stdin to its end. Then interrupt the command of a job that has not ended: nobody waits
     for it any more."""
-    for line in sys.stdin:
-        lines.put(line)
-    lines.put(None)
+    try:
+        for line in sys.stdin.buffer:
+            lines.put(line.decode(errors="surrogateescape"))  # the answer shows other bytes
+    finally:
+        lines.put(None)  # without it, the worker would wait for ever
     if of_job and lines.unfinished_tasks > 1:
         os.kill(os.getpid(), signal.SIGTERM)
 
@@ -143,7 +145,7 @@ def _words(line: str) -> list[str]:
     """
     try:
         words = json.loads(line)["words"]
-    except (ValueError, KeyError, TypeError):
+    except (ValueError, KeyError, TypeError, RecursionError):  # the last one if deeply nested
         words = None
     if not isinstance(words, list) or not all(isinstance(word, str) for word in words):
         raise UsageError("stdin", repr(line[:80]), 'a line such as {"words": ["render", "a.usd"]}')

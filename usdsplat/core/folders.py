@@ -17,7 +17,7 @@ def made_folder(folder: Path) -> Iterator[None]:
     Raises:
         OutputError: If a folder cannot be made.
     """
-    missing = [each for each in (folder, *folder.parents) if not each.exists()]
+    missing = [each for each in (folder, *folder.parents) if not os.path.exists(each)]
     made: list[Path] = []
     try:
         for each in reversed(missing):
@@ -37,8 +37,8 @@ def check_folder(folder: Path) -> None:
     Raises:
         OutputError: If a folder above is a file, or nothing can be written there.
     """
-    there = next((each for each in (folder, *folder.parents) if each.exists()), folder)
-    if not there.is_dir():
+    there = next((each for each in (folder, *folder.parents) if os.path.exists(each)), folder)
+    if not os.path.isdir(there):
         raise OutputError(str(folder), f"a file, {there}", "a place where a folder can be made")
     if not os.access(there, os.W_OK | os.X_OK):
         raise OutputError(str(folder), "a folder without write permission", "a writable folder")

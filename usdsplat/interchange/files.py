@@ -119,7 +119,7 @@ def check_not_input(target: Path, inputs: Iterable[Path]) -> None:
         OutputError: If it is, under any name.
     """
     for path in inputs:
-        if target.exists() and path.exists() and os.path.samefile(target, path):
+        if os.path.exists(target) and os.path.exists(path) and os.path.samefile(target, path):
             raise OutputError(str(target), "a file that is being read", "another name")
 
 

@@ -18,6 +18,7 @@ from typing import Any
 
 from usdsplat.core.errors import UsageError
 from usdsplat.core.output import write_output
+from usdsplat.core.wording import counted
 from usdsplat.jobs.job import Job, Parameter, Slot, Step
 
 TEMPLATE, VALUES, REFERENCES = "template.yaml", "parameter_values.yaml", "asset_references.yaml"
@@ -140,7 +141,7 @@ def template_of(job: Job, bundle: Bundle) -> dict[str, Any]:
     return {
         "specificationVersion": "jobtemplate-2023-09",
         **({"extensions": ["TASK_CHUNKING"]} if frames else {}),
-        "name": _CONTROL.sub("?", f"usdsplat {job.name}")[:_NAME],
+        "name": _job_name(job),
         _DEFINITIONS: definitions,
         "steps": [
             _step(each, bundle, is_range=frames is not None, memory=job.memory)
@@ -157,6 +158,12 @@ def _range(frames: Sequence[float]) -> str | None:
     if list(frames) != [first + i for i in range(len(frames))]:
         return None
     return f"{first:.0f}-{frames[-1]:.0f}"
+
+
+def _job_name(job: Job) -> str:
+    """Return the name of a job in its template, where double braces would be references."""
+    text = _CONTROL.sub("?", f"usdsplat {job.name}")
+    return text.replace("{{", "((").replace("}}", "))")[:_NAME]
 
 
 def _step(step: Step, bundle: Bundle, *, is_range: bool, memory: int | None) -> dict[str, Any]:
@@ -208,8 +215,10 @@ def _space(parameter: Parameter, bundle: Bundle, *, is_range: bool) -> Mapping[s
         chunks = {"defaultTaskCount": bundle.chunk, "rangeConstraint": "CONTIGUOUS"}
         return {"name": name, "type": "CHUNK[INT]", "range": _reference(FRAMES), "chunks": chunks}
     if len(parameter.values) > MOST_VALUES:
-        found = f"{len(parameter.values)} {parameter.name} that are no range"
-        raise UsageError("--openjd", found, f"at most {MOST_VALUES}: a larger --chunk")
+        is_frames = name == FRAMES
+        found = counted(len(parameter.values), "task" if is_frames else parameter.name)
+        expected = f"at most {MOST_VALUES}{', by a larger --chunk' if is_frames else ''}"
+        raise UsageError("--openjd", f"{found} in a step", expected)
     return {"name": name, "type": "STRING", "range": list(parameter.values)}
 
 

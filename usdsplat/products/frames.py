@@ -31,6 +31,12 @@ def first_frame(stage: Stage, asked: str | None) -> float:
     return frames_to_draw(stage, asked, ())[0]
 
 
+def framed(frames: Sequence[float]) -> tuple[float, ...]:
+    """Return the frames that the camera of a picture without one frames, each once: the first, the
+    middle and the last one."""
+    return tuple(dict.fromkeys((frames[0], frames[len(frames) // 2], frames[-1])))
+
+
 def outside_range(stage: Stage, frames: Sequence[float]) -> Finding | None:
     """Return a finding if frames are outside of the stage's range; None if it has no range."""
     first, last = stage.GetStartTimeCode(), stage.GetEndTimeCode()

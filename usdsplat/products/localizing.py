@@ -48,7 +48,8 @@ def localize(source: Path, folder: Path) -> Path:
         shutil.rmtree(folder, ignore_errors=True)
         if isinstance(error, OSError) and not isinstance(error, OutputError):
             found = (error.strerror or str(error)).lower()
-            raise OutputError(str(folder), found, "a place to write") from error
+            expected = f"what can be copied to {folder}"
+            raise OutputError(str(source), found, expected) from error
         raise
     return target
 

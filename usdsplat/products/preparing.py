@@ -15,6 +15,7 @@ from usdsplat.delegate.engine import Engine
 from usdsplat.products import remarks
 from usdsplat.products.budget import WORTH_SAYING, Budget, budget, with_node_memory
 from usdsplat.products.existing import difference
+from usdsplat.products.frames import framed
 from usdsplat.products.header import stage_hash
 from usdsplat.products.holdouts import check_file, holdout_of, lacking_depth
 from usdsplat.products.preflight import findings_of, go_to
@@ -181,8 +182,7 @@ def _framing_camera(
     if plan.camera is not None:
         return None
     engine.set_purposes(plan.purposes)
-    times = dict.fromkeys((frames[0], frames[len(frames) // 2], frames[-1]))
-    return engine.framing_camera(times, framing=plan.framing)
+    return engine.framing_camera(framed(frames), framing=plan.framing)
 
 
 def files_of(plans: Sequence[PicturePlan], frames: Sequence[float]) -> list[tuple[Path, ...]]:

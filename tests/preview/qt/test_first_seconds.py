@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import threading
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -87,6 +89,26 @@ def test_files_that_were_opened_are_offered_again(
     menu.aboutToShow.emit()
     menu.actions()[-1].trigger()
     assert remembered.recent_files() == ()
+
+
+def test_a_file_that_nobody_may_look_at_cannot_be_chosen(
+    window: Window, stage_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Oracle: the entries. Root may look everywhere, so `os.stat` says what it says to others."""
+    hidden, look = Path("/closed/hidden.usda"), os.stat
+
+    def denied(path: Any, *args: Any, **options: Any) -> os.stat_result:
+        if path in (hidden, str(hidden)):
+            raise PermissionError(13, "Permission denied", str(path))
+        return look(path, *args, **options)
+
+    remembered.note_file(stage_path)
+    remembered.note_file(hidden)
+    monkeypatch.setattr(os, "stat", denied)
+    menu = window._recent
+    menu._fill()  # an exception in a slot of Qt would not come here
+    assert texts(menu)[:2] == ["hidden.usda", stage_path.name]
+    assert [action.isEnabled() for action in menu.actions()[:2]] == [False, True]
 
 
 def test_no_more_files_are_kept_than_a_menu_holds(application: QApplication) -> None:

@@ -95,6 +95,19 @@ def build_tree(
     return replace(report, findings=findings)
 
 
+def inspect(sources: Sequence[Path | str], *, options: LodOptions = LOD) -> list[Finding]:
+    """Open the inputs of a tree that is built elsewhere, and return the findings on them.
+
+    Args:
+        sources, options: Those of `build_tree`.
+
+    Raises:
+        UsdSplatError: If an input cannot be opened, or an option is invalid.
+    """
+    _check(options)
+    return [found for path in sources for found in open_source(Path(path), options).findings()]
+
+
 def take_step(
     sources: Sequence[Path | str],
     target: Path,

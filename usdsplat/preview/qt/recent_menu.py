@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -31,7 +32,7 @@ class RecentMenu(QMenu):
         for path in files:
             action = self.addAction(path.name)
             action.setToolTip(str(path))
-            action.setEnabled(path.exists())
+            action.setEnabled(os.path.exists(path))  # False too where nobody may look
             action.triggered.connect(partial(self._choose, path))
         if files:
             self.addSeparator()
