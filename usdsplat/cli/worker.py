@@ -138,7 +138,7 @@ def _read(lines: queue.Queue[str | None], of_job: bool) -> None:
 
 
 def _words(line: str) -> list[str]:
-    """Return the words of a line of stdin.
+    """Return the command line in a line of stdin.
 
     Raises:
         UsageError: If it is not a JSON object with words.

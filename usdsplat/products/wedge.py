@@ -70,7 +70,7 @@ class WedgeReport:
     sheet: str
     """The contact sheet."""
     bakes: dict[str, tuple[str, ...]] = field(default_factory=dict)
-    """Settings by the layer of results."""
+    """Path of each bake -> its settings, such as "rd:feed=0.03"."""
     reports: tuple[Report, ...] = ()
     """Statistics of each bake."""
 

@@ -114,8 +114,12 @@ class Needles:
 
 
 def _ranked(site: I64, kept: npt.NDArray[np.bool_], k: int) -> tuple[I32, I32]:
-    """Return the place of each carrier among the kept ones of its needle, shape (c,), and the
-    number of kept carriers of each of k needles."""
+    """Number the kept carriers of each needle.
+
+    Returns:
+        Number of each carrier within its needle, shape (c,), and of kept carriers of each of k
+        needles, shape (k,).
+    """
     rows = np.flatnonzero(kept)
     rows = rows[np.argsort(site[rows], kind="stable")]
     count = np.bincount(site[rows], minlength=k)

@@ -172,7 +172,10 @@ class Veins:
 
 
 def _smoothed(places: F32, rows: I64, parent: I64) -> F32:
-    """Return positions of the tree's nodes without the zigzag of the graph, shape (c, 3)."""
+    """Return positions of the tree's nodes, smoothed along its branches, shape (c, 3).
+
+    Branches follow edges between carriers, so that without it they zigzag.
+    """
     out = places.astype(np.float64)
     up = parent[rows]
     children = np.bincount(up, minlength=len(places))

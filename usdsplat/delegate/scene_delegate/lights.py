@@ -152,7 +152,7 @@ def _shadow(prim: Usd.Prim, time: Usd.TimeCode) -> Shadow:
 
 
 def _rules(prim: Usd.Prim, name: str) -> Rules:
-    """Return which prims a collection of a light includes."""
+    """Return the rules of a light's collection: which prims it lights or shadows."""
     collection = Usd.CollectionAPI(prim, name)
     relationships = (collection.GetIncludesRel(), collection.GetExcludesRel())
     is_linked = any(each and each.HasAuthoredTargets() for each in relationships)

@@ -30,7 +30,7 @@ NEAREST = 1e-4
 """Near plane of a point's camera as a fraction of its farthest caster's distance."""
 
 AXES = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], np.float64)
-"""Directions of the faces of a cube, see `kernels.lighting.face_of`."""
+"""Axes of the six cameras of a light, in the order of `kernels.lighting.face_of`."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
