@@ -72,10 +72,7 @@ def test_the_libraries_are_those_that_qt_links():
     """Oracle: the dynamic section of Qt's X11 plug-in, read by ldd."""
     pyside = pytest.importorskip("PySide6")
     plugin = Path(pyside.__file__).with_name("Qt") / "plugins" / "platforms" / "libqxcb.so"
-    try:
-        linked = subprocess.run(["ldd", plugin], capture_output=True, text=True, check=True).stdout
-    except (OSError, subprocess.CalledProcessError):
-        pytest.skip("no ldd, or a plug-in for another machine")
+    linked = subprocess.run(["ldd", plugin], capture_output=True, text=True, check=True).stdout
     names = {line.split()[0] for line in linked.splitlines()}
     absent = {line.split()[0] for line in linked.splitlines() if "not found" in line}
     assert {each.file for each in screen.XCB} <= names

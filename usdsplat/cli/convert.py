@@ -138,7 +138,7 @@ def run(options: Options, reporter: Reporter) -> int:
 
 
 def _import_options(options: Options) -> ImportOptions:
-    """Return how captures are read, and stages written."""
+    """Return the options for reading captures and for writing stages."""
     from usdsplat.formats import ReadOptions
     from usdsplat.interchange.options import ImportOptions
 

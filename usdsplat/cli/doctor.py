@@ -148,7 +148,7 @@ def _devices() -> Iterator[Line]:
 
 
 def _kernels() -> Iterator[Line]:
-    """Yield where compiled kernels are, and for which devices they are complete."""
+    """Yield the folder and size of compiled kernels, and for each device whether it has all."""
     from usdsplat.kernels import ahead, store
     from usdsplat.kernels.cuda import support
 

@@ -45,7 +45,7 @@ def run_parts(options: Options, target: Path, reporter: Reporter) -> None:
 
 
 def write_bundle(options: Options, folder: Path, reporter: Reporter) -> int:
-    """Write the building as an Open Job Description bundle, and return the status.
+    """Write a bundle for a farm whose steps build the tree, and return the exit status.
 
     Args:
         options: The options of the command.

@@ -26,9 +26,13 @@ class Library:
     """Package of Fedora and its kin."""
 
 
-QT = tuple(
-    Library(file=file, debian=debian, fedora=fedora)
-    for file, debian, fedora in (
+def _libraries(rows: Sequence[tuple[str, str, str]]) -> tuple[Library, ...]:
+    """Return the libraries in rows of file, package of Debian, package of Fedora."""
+    return tuple(Library(file=file, debian=deb, fedora=rpm) for file, deb, rpm in rows)
+
+
+QT = _libraries(
+    (
         ("libEGL.so.1", "libegl1", "libglvnd-egl"),
         ("libGL.so.1", "libgl1", "libglvnd-glx"),
         ("libxkbcommon.so.0", "libxkbcommon0", "libxkbcommon"),
@@ -37,9 +41,8 @@ QT = tuple(
     )
 )
 """Libraries that Qt's widgets need in any case."""
-XCB = tuple(
-    Library(file=file, debian=debian, fedora=fedora)
-    for file, debian, fedora in (
+XCB = _libraries(
+    (
         ("libxcb-cursor.so.0", "libxcb-cursor0", "xcb-util-cursor"),
         ("libxcb-icccm.so.4", "libxcb-icccm4", "xcb-util-wm"),
         ("libxcb-image.so.0", "libxcb-image0", "xcb-util-image"),

@@ -65,7 +65,7 @@ def difference(plan: PicturePlan, frame: float, path: Path, *, stage_hash: str) 
 
 
 def _entries(spec: oiio.ImageSpec, path: Path) -> dict[str, Any]:
-    """Return the header entries that are compared, of a file of any format."""
+    """Return the header entries of a picture that `--resume` compares with the plan."""
     from PIL import Image as pillow
 
     names = ("stageHash", "frame", "samples", "background")

@@ -27,7 +27,7 @@ def of_scene(
     meshes: Sequence[Mesh],
     paths: tuple[str, ...] = (),
 ) -> Subject | None:
-    """Return some splats of fields and of the coarsest levels of trees, and points of meshes.
+    """Return a sample of a scene: splats of fields and coarse trees, and points of meshes.
 
     Args:
         fields, trees, meshes: What is drawn.

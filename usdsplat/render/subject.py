@@ -139,14 +139,15 @@ class Subject:
         return directions.T @ ((high + low) / 2), (high - low) / 2
 
     def half_width(self, directions: Directions, eye: F64) -> float:
-        """Return half of the width of a centred picture at distance 1 that shows what is framed.
+        """Return how wide a picture must be to show the subject from a given camera position.
 
         Args:
             directions: Directions of a perspective camera.
             eye: Its world position, shape (3,).
 
         Returns:
-            Infinity if something is beside or behind the eye; 0 for an empty subject.
+            Half of the width at distance 1; infinity if something is beside or behind the eye, 0
+            for an empty subject.
         """
         seen = self._projected(directions)
         return 0.0 if seen is None else seen.half_width(directions @ eye)

@@ -79,7 +79,7 @@ def _value(value: object) -> str:
 
 
 def _meaning(spec: Sdf.PropertySpec) -> str:
-    """Return the documentation of a property, with its allowed values."""
+    """Return the text of the column "meaning" of a property, with its allowed values."""
     text = "<br>".join(table_text(part) for part in spec.documentation.split("\n\n"))
     allowed = getattr(spec, "allowedTokens", None)
     return f"{text}<br>One of {', '.join(f'`{each}`' for each in allowed)}." if allowed else text

@@ -330,8 +330,8 @@ def test_the_bar_has_the_numbers_of_the_task(window: Window) -> None:
 
 def test_each_percent_is_told_once() -> None:
     """Oracle: a count by hand."""
-    told: list[Busy] = []
-    telling = _Telling(told.append)  # type: ignore[arg-type]
+    told: list[Event] = []
+    telling = _Telling(told.append)
     for done in range(1001):
         telling.step("reading", done, 1000)
     assert len(told) == 101
