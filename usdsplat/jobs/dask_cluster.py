@@ -178,6 +178,7 @@ class DaskWorkers:
             except TimeoutError:
                 continue
             waiting.clear()
+            outcomes = []  # results are kept by workers, which may die while the caller works
             while done:
                 future = done.pop()
                 if future.status == "lost":  # it is computed again
@@ -188,7 +189,8 @@ class DaskWorkers:
                     continue
                 task, _ = left.pop(future.key)
                 del future
-                yield Outcome(task=task, result=result)
+                outcomes.append(Outcome(task=task, result=result))
+            yield from outcomes
 
 
 def _connected(address: str, environments: Sequence[Mapping[str, str]], stack: ExitStack) -> Client:
