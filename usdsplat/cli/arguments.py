@@ -152,8 +152,13 @@ def _flag(knob: Knob) -> Any:
     return Annotated[kind | None, option(metavar, name=spelled(knob.name), text=text)]
 
 
-def arguments_of(options: type, owner: str = "") -> Iterator[Argument]:
-    """Yield the arguments of a dataclass and of the dataclasses in its fields."""
+@functools.cache  # a worker parses many command lines
+def arguments_of(options: type, owner: str = "") -> tuple[Argument, ...]:
+    """Return the arguments of a dataclass and of the dataclasses in its fields."""
+    return tuple(_arguments_of(options, owner))
+
+
+def _arguments_of(options: type, owner: str) -> Iterator[Argument]:
     hints = get_type_hints(options, include_extras=True)
     texts = _texts(options)
     for item in fields(options):
@@ -177,7 +182,6 @@ def arguments_of(options: type, owner: str = "") -> Iterator[Argument]:
         )
 
 
-@functools.cache  # a worker parses many command lines
 def _texts(options: type) -> dict[str, str]:
     """Return the string below each field of a dataclass and of its bases."""
     found: dict[str, str] = {}

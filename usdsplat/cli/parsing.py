@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import difflib
+import functools
 import inspect
 import re
 from collections.abc import Sequence
@@ -76,9 +77,9 @@ def parse(options: type[T], command: str, text: str, arguments: Sequence[str]) -
         An instance, or the exit status if there is nothing to run: 0 after help, 2 after an error,
         which has been explained in one line on stderr.
     """
-    known = list(arguments_of(options))
+    known = arguments_of(options)
     try:
-        parser = _parser(known, options, command, text)
+        parser = _parser(options, command, text)
         words = _normalized(arguments, known)
         namespace, extra = parser.parse_known_args(words)
         given = vars(namespace)
@@ -96,10 +97,10 @@ def parse(options: type[T], command: str, text: str, arguments: Sequence[str]) -
     return 2
 
 
-def _parser(
-    known: Sequence[Argument], options: type, command: str, text: str
-) -> argparse.ArgumentParser:
+@functools.cache  # a worker parses many command lines
+def _parser(options: type, command: str, text: str) -> argparse.ArgumentParser:
     """Make the parser of a command."""
+    known = arguments_of(options)
     places = " ".join(each.flag for each in known if each.shown.is_positional)
     parser = _Parser(
         prog=f"usdsplat {command}",
@@ -110,7 +111,7 @@ def _parser(
         exit_on_error=False,
         argument_default=argparse.SUPPRESS,
     )
-    hints = get_type_hints(options)
+    hints = _hints(options)
     groups: dict[str, Any] = {"": parser}
     for each in known:
         if each.owner not in groups:
@@ -216,10 +217,15 @@ def _converted(argument: Argument, value: Any) -> Any:
         raise _Mistake(f"{argument.flag} {value!r}", expected) from None
 
 
+@functools.cache
+def _hints(options: type) -> dict[str, Any]:
+    return get_type_hints(options)
+
+
 def _made(options: type[T], values: dict[str, Any], owner: str = "") -> T:
     """Make an instance of the options with its groups. Arguments that are not given keep their
     default."""
-    hints = get_type_hints(options)
+    hints = _hints(options)
     found = {}
     for item in fields(options):
         if is_dataclass(hints[item.name]):

@@ -14,7 +14,8 @@ def words_of(options: Any) -> tuple[str, ...]:
     Options with their default value are left out.
     """
     words: list[str] = []
-    for each in arguments_of(type(options)):
+    kind: type = type(options)
+    for each in arguments_of(kind):
         owner = getattr(options, each.owner) if each.owner else options
         value = getattr(owner, each.name)
         if each.is_required or value != _default(owner, each.name):
