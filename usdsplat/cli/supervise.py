@@ -20,7 +20,7 @@ import sys
 import time
 from collections.abc import Sequence
 from contextlib import suppress
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from usdsplat.cli.crash_log import CrashLog
 from usdsplat.cli.streams import open_streams
@@ -49,6 +49,18 @@ def entry() -> int:
     ):
         return _command(None)
     return _supervise(arguments)
+
+
+def begin_anew(arguments: Sequence[str]) -> int:
+    """Run a command line in a process that was forked from one with another command, and return
+    its exit status."""
+    from usdsplat.core import output
+
+    interrupt.forget()
+    interrupt.pass_advice_to(lambda advice: None)
+    output.announce = None
+    sys.argv[1:] = arguments
+    return entry()
 
 
 def _asks_for_help(arguments: Sequence[str]) -> bool:
@@ -119,8 +131,7 @@ def _command(child: Child | None) -> int:
     _ignore_signals()
     if child is not None:
         child.done(status)
-        if interrupt.received():
-            _leave(status)
+        _leave(status)
     return status
 
 
@@ -132,13 +143,26 @@ def _ignore_signals() -> None:
 def _leave(status: int) -> NoReturn:
     """End this process at once, without the shutdown of the interpreter.
 
-    Threads of C++ code that was interrupted may still run, and crash while it takes place.
+    The shutdown takes half a second of CPU time where USD is loaded, and threads of C++ code that
+    was interrupted may still run, and crash while it takes place. Threads of Python are waited for,
+    unless there was an interruption.
     """
+    if not interrupt.received():
+        _join_threads()
     atexit._run_exitfuncs()
     for stream in (sys.stdout, sys.stderr):
         with suppress(OSError, ValueError):
             stream.flush()
     os._exit(status)
+
+
+def _join_threads() -> None:
+    """Wait for threads as the interpreter does at its end, which also ends those of executors."""
+    import threading
+
+    join: Any = getattr(threading, "_shutdown", None)
+    if join is not None:
+        join()
 
 
 class Child:
