@@ -3,9 +3,10 @@
     python -m benchmarks.jobs [--frames 240] [--size 320x180] [--samples 1] [--device cpu]
         [--jobs 1,2] [--dask] [--capture FILE] [--runs 1] [--json FILE]
 
-"alone" is `usdsplat render` without a job. Times are wall time of the whole command, with its
-start; CPU time is that of all its processes; "per file" is wall time over files; "against alone" is
-the ratio of CPU times, the overhead of the job. Kernels are compiled before.
+"alone" is `usdsplat render` without a job. Times are medians of the runs, in which the commands
+take turns: wall time of the whole command, with its start, and CPU time of all its processes; "per
+file" is wall time over files; "against alone" is the ratio of CPU times, the overhead of the job.
+Kernels and bytecode are compiled before.
 """
 
 from __future__ import annotations
@@ -52,7 +53,10 @@ def turntable(capture: Path, folder: Path, frames: int) -> Path:
 def run(words: list[str]) -> tuple[float, float]:
     """Run a command, and return its wall time and the CPU time of all its processes [s]."""
     before, children = time.perf_counter(), os.times()
-    subprocess.run([sys.executable, "-m", "usdsplat", *words], check=True, capture_output=True)
+    command = [sys.executable, "-m", "usdsplat", *words]
+    # without it, each process would compile all modules, as no installed program does
+    kept = {name: text for name, text in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
+    subprocess.run(command, check=True, capture_output=True, env=kept)
     after = os.times()
     spent = after.children_user - children.children_user
     return time.perf_counter() - before, spent + after.children_system - children.children_system
@@ -85,9 +89,13 @@ def main(report: Report) -> None:
             "render", str(shot), "-o", f"{folder}/out.####.exr", "--resolution", options.size,
             "--samples", options.samples, "--device", options.device,
         ]  # fmt: skip
-        run([*words, "--frames", "1"])
-        for way, flags in ways.items():
-            times = [run([*words, *flags]) for _ in range(options.runs)]
+        for flags in ways.values():
+            run([*words, "--frames", "1-2", *flags])
+        taken: dict[str, list[tuple[float, float]]] = {way: [] for way in ways}
+        for _ in range(options.runs):
+            for way, flags in ways.items():
+                taken[way].append(run([*words, *flags]))
+        for way, times in taken.items():
             wall, cpu = (statistics.median(each) for each in zip(*times, strict=True))
             alone = alone or cpu
             report.add(device=options.device, scene=way, ms=1e3 * wall, cpu_ms=1e3 * cpu)

@@ -73,6 +73,7 @@ ALLOWED = {
     "cli/crash_log.py": "the stack of a crash",
     "cli/failures.py": "the report of an error that was not foreseen",
     "cli/streams.py": "standard streams that were closed",
+    "jobs/forked.py": "the pipes and standard streams of a forked process",
     "schema/generate.py": "source code of this package, written by its developers",
     "sim/schema_source.py": "source code of this package, written by its developers",
 }

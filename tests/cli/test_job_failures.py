@@ -20,7 +20,6 @@ import pytest
 
 from tests.jobs.test_local import children
 from tests.products.test_tiles import content
-from usdsplat.jobs.local import MARKED
 
 pytestmark = [
     pytest.mark.usefixtures("compiled"),
@@ -96,13 +95,12 @@ if worker.carried_out.__name__ != "waiting":  # Dask loads a module twice
 @pytest.fixture
 def gate(tmp_path):
     """A missing file, for which all tasks but the first of each worker wait: of workers that load
-    `waits/waiting.py` beside it, as those of a client with the environment `waits(gate)` do."""
+    `waits/waiting.py` beside it, as those of a client with the environment `waits(gate)` do, and of
+    those that it forks."""
     folder = tmp_path / "waits"
     folder.mkdir()
     (folder / "waiting.py").write_text(WAITING.format(gate=str(tmp_path / "gate")))
-    (folder / "sitecustomize.py").write_text(
-        f"import os\nif os.environ.get({MARKED!r}):\n    import waiting\n"
-    )
+    (folder / "sitecustomize.py").write_text("import waiting\n")
     return tmp_path / "gate"
 
 
@@ -337,6 +335,8 @@ def test_workers_that_cannot_do_a_task_are_named_before_it_is_sent(cluster, run,
         "found no worker that meets the needs of a task, expected one with --resources"
         " 'MEMORY=2147483648'\n"
     )
+    status, _, err = run(*words, "--resources", "licence=0.5")
+    assert status == 2 and err.endswith("expected one with --resources 'licence=0.5'\n")
     preload = tmp_path / "hide.py"
     preload.write_text("import sys\nsys.modules['usdsplat'] = None\n")
     cluster.start("--preload", preload)

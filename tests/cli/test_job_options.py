@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from usdsplat.cli.job_options import JobOptions, environments, resumed
+from usdsplat.cli.job_options import JobOptions, check_jobs, environments, resources_of, resumed
+from usdsplat.core.errors import UsageError
 from usdsplat.kernels import device
 from usdsplat.kernels.cuda import support
 from usdsplat.render import memory
@@ -45,3 +46,23 @@ def test_the_command_that_goes_on():
     words = ("render", "a b.usd", "--force", "--jobs", "2", "--resume")
     assert resumed(words) == "usdsplat render 'a b.usd' --jobs 2 --resume"
     assert resumed(("lod", "a.ply", "-o", "a.usda")) == "usdsplat lod a.ply -o a.usda"
+
+
+def test_names_of_resources():
+    """Oracle: by hand: the forms that `dask worker --resources` reads."""
+    assert resources_of("A100=1,licence=0.5") == {"A100": 1.0, "licence": 0.5}
+    assert resources_of("A100=1 MEMORY=16e9") == {"A100": 1.0, "MEMORY": 16e9}
+    assert resources_of(None) == {}
+
+
+@pytest.mark.parametrize("text", ["A100", "=1", "A100=", "A100=0", "A100=inf", "A100=nan", "a=1,b"])
+def test_bad_resources(text):
+    """Oracle: the sentence."""
+    with pytest.raises(UsageError, match="expected NAME=N with a number above 0"):
+        check_jobs(JobOptions(dask="local", resources=text))
+
+
+def test_resources_without_dask_are_refused():
+    """Oracle: the sentence."""
+    with pytest.raises(UsageError, match="found it without --dask"):
+        check_jobs(JobOptions(jobs="2", resources="A100=1"))

@@ -8,9 +8,12 @@ import subprocess
 import sys
 
 import pytest
+from pxr import Usd
 
 from tests.cli.conftest import ball
-from usdsplat import formats
+from usdsplat import formats, schema
+from usdsplat.cli.job_options import JobRunner
+from usdsplat.core.errors import JobError
 
 pytestmark = pytest.mark.usefixtures("compiled")
 FLAGS = ("--leaf-splats", "256", "-q")
@@ -63,6 +66,29 @@ def test_a_job_builds_the_same_tree(run_json, scans, tmp_path, alone):
     """Oracle: the files of one process, byte for byte."""
     run_json("lod", *scans, "-o", tmp_path / "job" / "city.usda", *FLAGS, "--jobs", "2")
     assert files(tmp_path / "job") == alone
+
+
+def test_findings_of_the_inputs_are_said_before_the_first_task(run, scans, tmp_path, monkeypatch):
+    """Oracle: what stderr has when the job begins is the finding that one process reports; with
+    --strict the job does not begin."""
+    scene = Usd.Stage.CreateNew(str(tmp_path / "scene.usda"))
+    schema.author(scene, "/Ball", ball())
+    scene.DefinePrim("/Gone").GetReferences().AddReference("gone.usd")
+    scene.Save()
+    words = ("lod", tmp_path / "scene.usda", "-o", tmp_path / "city.usda", "--leaf-splats", "256")
+    _, _, expected = run(*words)
+    assert "gone.usd" in expected
+    said = []
+
+    def failing(self, job):
+        said.append([each.told for each in self._reporter.findings])
+        raise JobError(job.name, "nothing", "a test")
+
+    monkeypatch.setattr(JobRunner, "run", failing)
+    status, _, err = run(*words, "--jobs", "1")
+    assert status == 2 and said == [[expected.removeprefix("usdsplat: ").rstrip()]]
+    assert err.startswith(expected) and err.count("gone.usd") == 1
+    assert run(*words, "--jobs", "1", "--strict")[0] == 1 and len(said) == 1
 
 
 @pytest.mark.parametrize(

@@ -13,9 +13,9 @@ from usdsplat.jobs.frames import render_job
 GIB = 1 << 30
 
 
-def needed(resources, *, uses_gpu=True, memory=4 * GIB):
+def needed(resources, *, uses_gpu=True, memory=4 * GIB, asked=None):
     """What the first task of a job asks of workers that declare resources."""
-    workers = DaskWorkers("tcp://somewhere:1", [], lambda words, folder: {})
+    workers = DaskWorkers("tcp://somewhere:1", [], lambda words, folder: {}, resources=asked)
     workers._resources = list(resources)
     job = render_job(
         ("render",), (1.0,), name="a", chunk=1, tiling=None, uses_gpu=uses_gpu, memory=memory
@@ -37,6 +37,15 @@ def test_tasks_take_the_resources_that_workers_declare(resources, expected):
     """Oracle: by hand: what no worker declares is not asked for."""
     assert needed(resources) == expected
     assert needed(resources, uses_gpu=False, memory=None) == {}
+
+
+def test_tasks_take_the_resources_that_the_user_names():
+    """Oracle: by hand: these are asked for in any case, and come first."""
+    workers = [{"A100": 2, "licence": 1}, {"GPU": 4}]
+    assert needed(workers, uses_gpu=False, asked={"A100": 0.5}) == {"A100": 0.5}
+    assert needed(workers, asked={"GPU": 2}) == {"GPU": 2}
+    with pytest.raises(BackendError, match="--resources 'licence=2'"):
+        needed(workers, uses_gpu=False, asked={"licence": 2})
 
 
 @pytest.mark.parametrize(

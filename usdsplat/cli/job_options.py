@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, fields
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Self
 
-from usdsplat.cli import console
+from usdsplat.cli import console, forked_workers, forking
 from usdsplat.cli.arguments import option
 from usdsplat.cli.reporting import Reporter, ReportingOptions
 from usdsplat.core import interrupt
@@ -25,6 +27,10 @@ if TYPE_CHECKING:
     from usdsplat.jobs.outcome import Outcome
 
 AUTO = "auto"
+COLD = 24
+"""Frames of a task of a farm, where --chunk does not say: it opens its input anew."""
+TURNS = 8
+"""Number of tasks of each process, where --chunk does not say."""
 USUAL_MEMORY = 1 << 30
 """Memory that a process is expected to take where no limit is given [byte]."""
 
@@ -44,6 +50,8 @@ class JobOptions:
     """frames of a task; default: as many as keep the processes busy"""
     retries: Annotated[int, option("N")] = 1
     """how often a task that fails is tried again"""
+    resources: Annotated[str | None, option("NAME=N,...")] = None
+    """with --dask: further resources that a task takes, by the names that workers declare"""
 
     @property
     def is_asked(self) -> bool:
@@ -73,6 +81,27 @@ def check_jobs(options: JobOptions, *, frameless: str = "") -> None:
         raise UsageError("--chunk", str(options.chunk), "1 or more frames")
     if options.retries < 0:
         raise UsageError("--retries", str(options.retries), "0 or more")
+    if options.resources is not None and options.dask is None:
+        raise UsageError("--resources", "it without --dask", "--dask ADDRESS")
+    resources_of(options.resources)
+
+
+def resources_of(text: str | None) -> dict[str, float]:
+    """Return the amounts of resources in a text such as "A100=1,licence=0.5".
+
+    Raises:
+        UsageError: If it has another form.
+    """
+    found: dict[str, float] = {}
+    for part in (text or "").replace(",", " ").split():
+        name, is_there, amount = part.partition("=")
+        try:
+            found[name] = float(amount)
+        except ValueError:
+            is_there = ""
+        if not name or not is_there or not 0 < found[name] < math.inf:
+            raise UsageError("--resources", repr(part), "NAME=N with a number above 0")
+    return found
 
 
 def resumed(arguments: Sequence[str]) -> str:
@@ -136,13 +165,18 @@ class JobRunner:
         options: How tasks are run.
         reporter: Receives progress and findings.
         environments: See `environments`.
+        modules: Names of modules that all tasks need.
     """
 
     def __init__(
-        self, options: JobOptions, reporter: Reporter, environments: Sequence[Mapping[str, str]]
+        self,
+        options: JobOptions,
+        reporter: Reporter,
+        environments: Sequence[Mapping[str, str]],
+        modules: Sequence[str] = (),
     ) -> None:
         self._options, self._reporter = options, reporter
-        self._environments = environments
+        self._environments, self._modules = environments, modules
         self._stack = ExitStack()
         self._workers: LocalWorkers | DaskWorkers | None = None
 
@@ -154,14 +188,25 @@ class JobRunner:
         """
         if self._options.dask is not None:
             from usdsplat.cli.worker import run_on_dask_worker
-            from usdsplat.jobs.dask_cluster import DaskWorkers
+            from usdsplat.jobs.dask_cluster import LOCAL, DaskWorkers
 
-            made = DaskWorkers(self._options.dask, self._environments, run_on_dask_worker)
+            is_here = self._options.dask == LOCAL and find_spec("distributed") is not None
+            modules = (*self._modules, "distributed", "usdsplat.cli.dask_worker")
+            fork = forked_workers.dask_worker if is_here and forking.prepared(modules) else None
+            made = DaskWorkers(
+                self._options.dask,
+                self._environments,
+                run_on_dask_worker,
+                fork=fork,
+                resources=resources_of(self._options.resources),
+            )
             self._workers = self._stack.enter_context(made)
         elif self._options.openjd is None:
             from usdsplat.jobs.local import LocalWorkers
 
-            self._workers = self._stack.enter_context(LocalWorkers(self._environments))
+            fork = forked_workers.worker if forking.prepared(self._modules) else None
+            self._workers = self._stack.enter_context(LocalWorkers(self._environments, fork))
+        forking.release()
         return self
 
     def __exit__(self, *_: object) -> None:

@@ -46,6 +46,8 @@ if TYPE_CHECKING:
     from usdsplat.core.findings import Finding
     from usdsplat.interchange.lod import LodOptions, LodReport
 
+FORKS = True
+
 
 def run(options: Options, reporter: Reporter) -> int:
     """Build the tree, or a part of it, and print a report."""
@@ -65,7 +67,7 @@ def run(options: Options, reporter: Reporter) -> int:
         reporter.findings.extend(found)
         return write_bundle(options, options.job.openjd, reporter)
     if options.job.is_asked:
-        run_parts(options, options.output, reporter)
+        run_parts(options, _lod_options(options), options.output, reporter)
 
     def checked(findings: Iterable[Finding]) -> None:
         reporter.findings.extend(findings)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from usdsplat.cli import bundles
 from usdsplat.cli.job_options import JobOptions, JobRunner, environments, of_task
@@ -13,24 +14,31 @@ from usdsplat.cli.values import bytes_of
 from usdsplat.cli.words import words_of
 from usdsplat.core.folders import check_folder
 
+if TYPE_CHECKING:
+    from usdsplat.interchange.lod import LodOptions
+
 PARTS = 4
 """Parts of each step, for each process."""
 FARM_PARTS = 8
 """Parts of each step in a bundle, whose workers are not known."""
 
 
-def run_parts(options: Options, target: Path, reporter: Reporter) -> None:
-    """Do all steps but the last one as a job.
+def run_parts(options: Options, made: LodOptions, target: Path, reporter: Reporter) -> None:
+    """Report the findings of the inputs, and do all steps but the last one as a job.
 
     Args:
         options: The options of the command.
-        target: Its output.
+        made: Those of the building.
+        target: The output of the command.
         reporter: Receives progress and findings.
 
     Raises:
+        StrictError: With --strict, if there is a finding.
+        UsdSplatError: If an input cannot be opened.
         OutputError: If nothing can be written beside the output.
         JobError: If a task fails.
     """
+    from usdsplat.interchange.lod import inspect
     from usdsplat.interchange.lod.options import MEMORY
     from usdsplat.jobs.trees import tree_job
 
@@ -38,7 +46,9 @@ def run_parts(options: Options, target: Path, reporter: Reporter) -> None:
     task = replace(options, json=True, job=JobOptions(), reporting=of_task(options.reporting))
     memory = bytes_of(options.memory_limit)
     workers = environments(options.job, device="cpu", threads=None, memory=memory or MEMORY)
-    with JobRunner(options.job, reporter, workers) as runner:
+    with JobRunner(options.job, reporter, workers, ("usdsplat.interchange.lod",)) as runner:
+        reporter.findings.extend(inspect(options.sources, options=made))
+        reporter.findings.check()
         parts = PARTS * len(runner)
         for _ in runner.run(tree_job(("lod", *words_of(task)), parts=parts, memory=memory)):
             pass

@@ -2,7 +2,8 @@
 
 A command is a module of this package, with _ for -. It has a dataclass `Options`, whose fields are
 its arguments, and `run(options, reporter)`, which returns the exit status. Its docstring is its
-help. It may have `arranged(words)`, which reorders the command line before it is parsed.
+help. It may have `arranged(words)`, which reorders the command line before it is parsed, and
+FORKS = True if it makes a `JobRunner` before it opens a stage.
 Only the module of the command is loaded, and USD and Numba only when it runs. Help is therefore
 shown at once.
 """
@@ -13,6 +14,7 @@ import importlib
 import logging
 import sys
 from collections.abc import Sequence
+from contextlib import AbstractContextManager, nullcontext
 from typing import TYPE_CHECKING, Any
 
 from usdsplat import __version__
@@ -120,7 +122,17 @@ def _run(arguments: list[str], keeper: EngineKeeper | None = None) -> int:
     options = parse(command.Options, name, command.__doc__ or "", words)
     if isinstance(options, int):
         return options
-    return reported(command, options, arguments, keeper=keeper)
+    with _holding(command, options):
+        return reported(command, options, arguments, keeper=keeper)
+
+
+def _holding(command: Any, options: Any) -> AbstractContextManager[None]:
+    """Return a context in which workers of a job can be forked, if the command runs as one."""
+    if not (getattr(command, "FORKS", False) and options.job.is_asked):
+        return nullcontext()
+    from usdsplat.cli.forking import held
+
+    return held()
 
 
 def _flags_of(arguments: list[str]) -> set[str]:

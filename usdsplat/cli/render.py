@@ -50,6 +50,7 @@ from typing import TYPE_CHECKING
 from usdsplat import images
 from usdsplat.cli import console
 from usdsplat.cli.arguments import given
+from usdsplat.cli.forking import DRAWING
 from usdsplat.cli.job_options import JobRunner, check_jobs, environments
 from usdsplat.cli.render_job import as_task, ends_of, run_as_job, say_end
 from usdsplat.cli.render_options import Options
@@ -65,6 +66,8 @@ if TYPE_CHECKING:
     from usdsplat.products.keeper import OpenStage
     from usdsplat.products.preparing import DrawOptions
     from usdsplat.products.request import PicturePlan, RenderRequest
+
+FORKS = True
 
 
 def run(options: Options, reporter: Reporter) -> int:
@@ -83,7 +86,7 @@ def run(options: Options, reporter: Reporter) -> int:
             threads=options.threads,
             memory=drawing.memory_limit,
         )
-        with JobRunner(options.job, reporter, workers) as runner:
+        with JobRunner(options.job, reporter, workers, DRAWING) as runner:
             return _run_tasks(options, drawing, runner, reporter)
     with _planning(options, reporter) as (progress, engine, plans, frames):
         report = []

@@ -28,7 +28,7 @@ from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
-from usdsplat.cli import console
+from usdsplat.cli import console, forking
 from usdsplat.cli.reporting import Reporter
 from usdsplat.core import interrupt
 from usdsplat.core.errors import UsageError
@@ -39,11 +39,9 @@ if TYPE_CHECKING:
     from usdsplat.products.keeper import EngineKeeper
 
 USES_USD = False
-PRELOADED = ("usdsplat.products.drawing", "usdsplat.products.planning")
-"""Modules that are loaded before the first task comes: whoever sends it may still plan."""
 KEEPER = "usdsplat_keeper"
 """Attribute of a worker of Dask."""
-_ONE_AT_A_TIME = threading.Lock()
+ONE_AT_A_TIME = threading.Lock()
 """Held while a task of Dask runs: stdout and the folder belong to the process."""
 
 
@@ -56,7 +54,8 @@ def run(options: Options, reporter: Reporter) -> int:
     """Carry out the commands of stdin."""
     from usdsplat.products.keeper import EngineKeeper
 
-    for name in PRELOADED:
+    forking.release()
+    for name in forking.DRAWING:  # before the first task comes: whoever sends it may still plan
         importlib.import_module(name)
 
     lines: queue.Queue[str | None] = queue.Queue()
@@ -111,7 +110,7 @@ def run_on_dask_worker(words: Sequence[str], folder: str, *before: object) -> di
 
     worker = get_worker()
     host = f"{platform.node()} ({worker.address})"
-    with _ONE_AT_A_TIME:
+    with ONE_AT_A_TIME:
         try:
             os.chdir(folder)
         except OSError:

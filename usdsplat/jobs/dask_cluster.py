@@ -21,14 +21,15 @@ from typing import TYPE_CHECKING, Any, Self
 from usdsplat import __version__
 from usdsplat.core import interrupt
 from usdsplat.core.errors import BackendError, UsageError
+from usdsplat.jobs.dask_local import LocalCluster
 from usdsplat.jobs.job import Job, Task
+from usdsplat.jobs.local import Fork
 from usdsplat.jobs.outcome import Outcome, TaskResult
 
 if TYPE_CHECKING:
-    from distributed import Client, SpecCluster
+    from distributed import Client
 
 LOCAL = "local"
-LOOPBACK = "127.0.0.1"
 INSTALL = "pip install 'usdsplat[farm]'"
 PATIENCE = 15.0
 """Time to wait for a scheduler and a worker [s]."""
@@ -71,12 +72,22 @@ class DaskWorkers:
             TLS is configured as `distributed` documents it.
         environments: Variables of each worker of a local cluster.
         run_task: What workers do with a task.
+        fork: Forks the first workers of a local cluster, see `LocalCluster`.
+        resources: Amounts of resources that each task takes beside GPU and MEMORY.
     """
 
     def __init__(
-        self, address: str, environments: Sequence[Mapping[str, str]], run_task: RunTask
+        self,
+        address: str,
+        environments: Sequence[Mapping[str, str]],
+        run_task: RunTask,
+        *,
+        fork: Fork | None = None,
+        resources: Mapping[str, float] | None = None,
     ) -> None:
         self._address, self._environments, self._run_task = address, environments, run_task
+        self._fork, self._asked = fork, dict(resources or {})
+        self._local: LocalCluster | None = None
         self._where = f"--dask {address}"
         self._stack = ExitStack()
         self._resources: list[Mapping[str, float]] = []
@@ -88,7 +99,7 @@ class DaskWorkers:
             BackendError: If Dask is not installed, or there is no scheduler or no suitable worker.
         """
         with ExitStack() as stack:
-            self._client = _connected(self._address, self._environments, stack)
+            self._client = self._connected(stack)
             self._resources = _checked_workers(self._client, self._where)
             self._stack = stack.pop_all()
         return self
@@ -143,6 +154,30 @@ class DaskWorkers:
 
     # --- private ---------------------------------------------------------------------------
 
+    def _connected(self, stack: ExitStack) -> Client:
+        try:
+            from distributed import Client
+        except ImportError as error:
+            raise BackendError("--dask", "no package distributed", INSTALL) from error
+        stack.enter_context(_quiet())
+        address, count = self._address, 1
+        if address == LOCAL:
+            self._local = stack.enter_context(LocalCluster(self._environments, self._fork))
+            address, count = self._local.address, len(self._environments)
+        elif "://" not in address:
+            raise UsageError("--dask", repr(address), "local, or tcp://HOST:PORT")
+        try:
+            client = stack.enter_context(Client(address, timeout=PATIENCE))
+        except (OSError, ValueError, TypeError) as error:  # TypeError: tls without its settings
+            found = f"no scheduler ({str(error).splitlines()[0]})"
+            raise BackendError(self._where, found, "one that runs") from error
+        try:
+            client.wait_for_workers(count, timeout=PATIENCE)
+        except TimeoutError as error:
+            if not client.nthreads():
+                raise BackendError(self._where, "a scheduler without workers", "one") from error
+        return client
+
     def _needed(self, task: Task, job: Job) -> dict[str, float]:
         """Return the resources of a worker that a task takes."""
         needed: dict[str, float] = {GPU: 1.0} if task.uses_gpu else {}
@@ -150,8 +185,9 @@ class DaskWorkers:
             needed[MEMORY] = float(job.memory)
         declared = {name for each in self._resources for name in each}
         needed = {name: amount for name, amount in needed.items() if name in declared}
+        needed |= self._asked
         if not any(all(each.get(n, 0) >= a for n, a in needed.items()) for each in self._resources):
-            asked = ", ".join(f"{name}={amount:.0f}" for name, amount in needed.items())
+            asked = ", ".join(f"{name}={amount:.15g}" for name, amount in needed.items())
             expected = f"one with --resources {asked!r}"
             raise BackendError(self._where, "no worker that meets the needs of a task", expected)
         return needed
@@ -167,6 +203,8 @@ class DaskWorkers:
             interrupt.check()
             if time.monotonic() - looked > ROUND:
                 looked = time.monotonic()
+                if self._local is not None:
+                    self._local.replace_dead()
                 if self._client.nthreads():
                     seen = looked
                 elif looked - seen > DESERTED:
@@ -193,30 +231,6 @@ class DaskWorkers:
             yield from outcomes
 
 
-def _connected(address: str, environments: Sequence[Mapping[str, str]], stack: ExitStack) -> Client:
-    try:
-        from distributed import Client
-    except ImportError as error:
-        raise BackendError("--dask", "no package distributed", INSTALL) from error
-    stack.enter_context(_quiet())
-    where = f"--dask {address}"
-    if address == LOCAL:
-        client = stack.enter_context(Client(stack.enter_context(_local_cluster(environments))))
-    else:
-        if "://" not in address:
-            raise UsageError("--dask", repr(address), "local, or tcp://HOST:PORT")
-        try:
-            client = stack.enter_context(Client(address, timeout=PATIENCE))
-        except (OSError, ValueError, TypeError) as error:  # TypeError: tls without its settings
-            found = f"no scheduler ({str(error).splitlines()[0]})"
-            raise BackendError(where, found, "one that runs") from error
-    try:
-        client.wait_for_workers(1, timeout=PATIENCE)
-    except TimeoutError as error:
-        raise BackendError(where, "a scheduler without workers", "a worker") from error
-    return client
-
-
 @contextmanager
 def _quiet() -> Iterator[None]:
     """Keep the client's messages from the terminal: what they tell of is said in one sentence."""
@@ -230,20 +244,6 @@ def _quiet() -> Iterator[None]:
     finally:
         for log, level in zip(loggers, levels, strict=True):
             log.setLevel(level)
-
-
-def _local_cluster(environments: Sequence[Mapping[str, str]]) -> SpecCluster:
-    """Start a scheduler, which only this machine reaches, and a process for each environment."""
-    from distributed import Nanny, Scheduler, SpecCluster
-
-    # Dask would pause and kill workers by the memory that their stages take
-    options = {"nthreads": 1, "memory_limit": 0, "silence_logs": logging.CRITICAL}
-    workers = {
-        number: {"cls": Nanny, "options": {**options, "host": LOOPBACK, "env": dict(each)}}
-        for number, each in enumerate(environments)
-    }
-    scheduler = {"cls": Scheduler, "options": {"host": LOOPBACK, "dashboard": False, "port": 0}}
-    return SpecCluster(workers=workers, scheduler=scheduler, silence_logs=logging.CRITICAL)
 
 
 def _checked_workers(client: Client, where: str) -> list[Mapping[str, float]]:

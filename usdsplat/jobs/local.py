@@ -1,8 +1,9 @@
 """Run a job with processes of this machine.
 
 Each worker is a process `usdsplat worker`, which is given one task after the other as a line of
-JSON and answers with one. It keeps stages and devices open between tasks. A worker that dies is
-replaced, and its task is tried again.
+JSON and answers with one. It is forked from this process where the caller can, else started. It
+keeps stages and devices open between tasks. A worker that dies is replaced, and its task is tried
+again.
 """
 
 from __future__ import annotations
@@ -15,11 +16,12 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from typing import Self
 
 from usdsplat.core import interrupt
+from usdsplat.jobs.forked import ForkedProcess
 from usdsplat.jobs.job import Job, Task
 from usdsplat.jobs.outcome import Outcome, Say, TaskResult
 
@@ -33,6 +35,9 @@ MARKED = "USDSPLAT_JOB_WORKER"
 """Variable of workers of a job: they mark answers with ANSWER, and end with their parent."""
 _LINES = 20
 """Lines of a worker that died which are kept."""
+_Process = subprocess.Popen[str] | ForkedProcess
+Fork = Callable[[Mapping[str, str]], ForkedProcess]
+"""Forks `usdsplat worker` with these variables, in addition to those of this process."""
 
 
 class LocalWorkers:
@@ -41,10 +46,12 @@ class LocalWorkers:
 
     Args:
         environments: Variables of each process, in addition to those of this one.
+        fork: Forks the first process of each worker; None starts all of them. Those that replace
+            others are always started.
     """
 
-    def __init__(self, environments: Sequence[Mapping[str, str]]) -> None:
-        self._processes = [_WorkerProcess(each) for each in environments]
+    def __init__(self, environments: Sequence[Mapping[str, str]], fork: Fork | None = None) -> None:
+        self._processes = [_WorkerProcess(each, fork) for each in environments]
 
     def __enter__(self) -> Self:
         for each in self._processes:
@@ -159,11 +166,13 @@ class _WorkerProcess:
 
     Args:
         environment: Its variables, in addition to those of this process.
+        fork: See `LocalWorkers`.
     """
 
-    def __init__(self, environment: Mapping[str, str]) -> None:
-        self._environment = environment
-        self._process: subprocess.Popen[str] | None = None
+    def __init__(self, environment: Mapping[str, str], fork: Fork | None) -> None:
+        self._environment = {**environment, MARKED: "1"}
+        self._fork = fork
+        self._process: _Process | None = None
         self._lock = threading.Lock()
         self._is_over = False
 
@@ -221,18 +230,21 @@ class _WorkerProcess:
             others.append(f"worker: ended with status {status}")
         return TaskResult(status=status or 2, err="".join(others), host=platform.node())
 
-    def opened(self) -> subprocess.Popen[str] | None:
+    def opened(self) -> _Process | None:
         """Return the process, started if there is none; None after `end`."""
         with self._lock:
             if self._is_over:
                 return None
-            if self._process is None or self._process.poll() is not None:
+            fork, self._fork = self._fork, None
+            if fork is not None:
+                self._process = fork(self._environment)
+            elif self._process is None or self._process.poll() is not None:
                 self._process = subprocess.Popen(
                     [sys.executable, "-m", "usdsplat", "worker"],
                     stdin=subprocess.PIPE,
                     stdout=subprocess.PIPE,
                     stderr=subprocess.STDOUT,
-                    env={**os.environ, **self._environment, MARKED: "1"},
+                    env={**os.environ, **self._environment},
                     encoding="utf-8",
                     errors="surrogateescape",
                     start_new_session=True,  # Ctrl-C reaches this process only, which ends them

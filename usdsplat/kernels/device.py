@@ -46,6 +46,15 @@ def _launch_threads() -> None:
             del os.environ[name]
 
 
+def load_registries() -> None:
+    """Load what Numba needs before it loads the first kernel, but start no thread.
+
+    Processes that are forked later have it then.
+    """
+    numba.core.registry.cpu_target.typing_context.refresh()
+    numba.core.registry.cpu_target.target_context.refresh()
+
+
 VARIABLE = "USDSPLAT_THREADS"
 """Environment variable with the number of threads where none is asked for: several processes that
 use all cores each are much slower together than with a share of them."""

@@ -1,0 +1,102 @@
+"""Tests of workers that are forked from the command: when they are, and when they must not be."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.cli.test_job_failures import FLAGS, alone, begun, ended, gate, pictures, until, waits
+from tests.jobs.test_local import children
+
+__all__ = ["alone", "gate"]
+
+pytestmark = [
+    pytest.mark.usefixtures("compiled"),
+    pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads /proc"),
+]
+
+BEGIN = """
+import sys, threading
+from usdsplat.cli import forking
+"""
+
+
+def printed(code, **environment):
+    """What a program prints."""
+    done = subprocess.run(
+        [sys.executable, "-c", BEGIN + code],
+        capture_output=True, text=True, timeout=60, cwd=Path(__file__).parents[2],
+        env={**os.environ, **environment},
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return done.stdout.split()
+
+
+def test_workers_are_forked_while_no_library_has_threads():
+    """Oracle: the only thread of the process in /proc. Later, USD has the threads of all cores, and
+    a second context forks nothing: USD is loaded."""
+    found = printed(
+        """
+with forking.held():
+    print(forking.prepared(forking.DRAWING), forking._threads())
+from pxr import Work
+print(Work.GetConcurrencyLimit())
+with forking.held():
+    print(forking.prepared(forking.DRAWING))
+""",
+        OPENBLAS_NUM_THREADS="1",
+    )
+    assert found == ["True", "1", str(os.cpu_count()), "False"]
+
+
+def test_a_thread_that_was_started_in_the_meantime_forbids_it():
+    """Oracle: by hand."""
+    code = """
+end = threading.Event()
+with forking.held():
+    threading.Thread(target=end.wait).start()
+    print(forking.prepared(forking.DRAWING))
+end.set()
+"""
+    assert printed(code) == ["False"]
+
+
+def test_usd_that_may_have_threads_forbids_it():
+    """Oracle: by hand: PXR_WORK_THREAD_LIMIT comes before what a program asks for."""
+    code = "with forking.held(): print(forking.prepared(forking.DRAWING))"
+    assert printed(code, PXR_WORK_THREAD_LIMIT="2")[-1] == "False"
+
+
+def test_a_command_forks_its_workers(shot, tmp_path, gate):
+    """Oracle: a process that is forked keeps the command line; one that is started has its own. The
+    pictures are whole, and no process is left."""
+    out = tmp_path / "job" / "a.####.exr"
+    with begun("render", shot, "-o", out, *FLAGS, "--jobs", "2", env=waits(gate)) as client:
+        until(lambda: len(children(client.pid)) == 1 + 2 * 2)  # each has a process that watches it
+        below = children(client.pid)
+        lines = {Path(f"/proc/{pid}/cmdline").read_bytes() for pid in below}
+        assert lines == {Path(f"/proc/{client.pid}/cmdline").read_bytes()}
+        gate.touch()
+        assert ended(client) == (0, [])
+    assert len(pictures(out.parent)) == 4
+    assert not any(Path(f"/proc/{pid}").exists() for pid in below)
+
+
+def test_a_worker_of_dask_that_dies_is_replaced(shot, tmp_path, alone, gate):
+    """Oracle: the pictures of one process, although the only worker is killed after the first
+    one."""
+    pytest.importorskip("distributed")
+    out = tmp_path / "job" / "a.####.exr"
+    words = ("render", shot, "-o", out, *FLAGS, "--dask", "local", "--chunk", "1")
+    with begun(*words, env={**waits(gate), "USDSPLAT_THREADS": "1"}) as client:
+        assert client.stdout.readline() == f"{out.parent / 'a.0001.exr'}\n"
+        (worker,) = (pid for pid in children(client.pid) if not children(pid))
+        gate.touch()
+        os.kill(worker, signal.SIGKILL)
+        assert ended(client) == (0, [])
+    assert pictures(out.parent) == alone

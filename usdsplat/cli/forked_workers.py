@@ -1,0 +1,28 @@
+"""Fork the workers of a job; `forking.prepared` says whether that is safe."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from usdsplat.cli.supervise import begin_anew
+from usdsplat.jobs.forked import ForkedProcess
+
+
+def worker(environment: Mapping[str, str]) -> ForkedProcess:
+    """Fork a process that runs `usdsplat worker`.
+
+    Args:
+        environment: Its variables, in addition to those of this process.
+
+    Raises:
+        OSError: If there are too many processes, or too little memory.
+    """
+    return ForkedProcess(lambda: begin_anew(["worker"]), environment)
+
+
+def dask_worker(environment: Mapping[str, str]) -> ForkedProcess:
+    """Fork a process that works for the scheduler of Dask whose address it is told, see
+    `cli.dask_worker`. Arguments and errors are those of `worker`."""
+    from usdsplat.cli.dask_worker import serve
+
+    return ForkedProcess(serve, environment)

@@ -1,0 +1,84 @@
+"""Decide whether workers of a job can be forked from the command, which has loaded the program.
+
+Loading the program takes more than a second of CPU time, a fork a few milliseconds. But a forked
+process has only the thread that forked it: a lock that another one holds stays locked, and a
+library waits for threads that it had. So USD is kept from starting threads before it is loaded,
+and workers are forked before a stage is opened and before a kernel runs. `prepared` counts the
+threads: where one was started in the meantime, as the drivers of GPUs do, and in programs that have
+loaded USD or Numba themselves, workers load the program themselves.
+"""
+
+from __future__ import annotations
+
+import gc
+import importlib
+import os
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+
+LIBRARIES = ("pxr", "numba")
+"""Packages that start threads which do not survive a fork."""
+DRAWING = (
+    "usdsplat.products.drawing", "usdsplat.products.planning", "usdsplat.cli.stages",
+)  # fmt: skip
+"""Modules that tasks which draw pictures need."""
+_BLAS = "OPENBLAS_NUM_THREADS"
+_before: int | None = None
+"""Number of threads when USD was held; None if it is not."""
+
+
+@contextmanager
+def held() -> Iterator[None]:
+    """Keep USD from starting threads in this context, until `release`, if it is not loaded yet."""
+    global _before
+    if sys.platform == "linux" and not any(name in sys.modules for name in LIBRARIES):
+        from pxr import Work
+
+        Work.SetConcurrencyLimit(1)
+        if Work.GetConcurrencyLimit() == 1:  # PXR_WORK_THREAD_LIMIT comes first
+            _before = _threads()
+    try:
+        yield
+    finally:
+        release()
+
+
+def release() -> None:
+    """Let USD use its threads from now on; fork no worker any more."""
+    global _before
+    if _before is not None:
+        from pxr import Work
+
+        _before = None
+        Work.SetMaximumConcurrencyLimit()
+
+
+def prepared(modules: Sequence[str]) -> bool:
+    """Load what workers need, and return whether they can be forked now.
+
+    Args:
+        modules: Names of modules.
+    """
+    if _before is None:
+        return False
+    kept = os.environ.get(_BLAS)
+    os.environ[_BLAS] = "1"  # SciPy's, which Numba loads and nothing uses
+    try:
+        for name in modules:
+            importlib.import_module(name)
+        from usdsplat.kernels.device import load_registries
+
+        load_registries()
+        gc.freeze()  # collections of forked processes do not touch, and thereby copy, what is here
+    finally:
+        if kept is None:
+            del os.environ[_BLAS]
+        else:
+            os.environ[_BLAS] = kept
+    return _threads() == _before
+
+
+def _threads() -> int:
+    """Return the number of threads of this process."""
+    return len(os.listdir("/proc/self/task"))
