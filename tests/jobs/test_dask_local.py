@@ -43,7 +43,7 @@ def test_only_this_machine_reaches_it():
         with (
             LocalCluster([{}], None) as one,
             LocalCluster([{}], None),
-            Client(one.address) as client,
+            Client(one.cluster) as client,
         ):
             client.wait_for_workers(1, timeout=60)
             assert listening([os.getpid(), *children(os.getpid())]) == {"0100007F"}

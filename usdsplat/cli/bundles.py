@@ -89,7 +89,8 @@ def write(
     assets = bundle.folder / ASSETS
     with made_folder(bundle.folder), _emptied_on_errors(bundle.folder):
         for number, source in enumerate(sources, 1):
-            localize(source, assets / str(number) if bundle.source.is_folder else assets)
+            folder = assets / str(number) if bundle.source.is_folder else assets
+            localize(source, folder, bundle.frames or None)
         template = write_bundle(job, bundle)[0]
     if json:
         reporter.print_json({"template": str(template)})

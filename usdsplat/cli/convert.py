@@ -29,6 +29,9 @@ examples:
       several captures in one, in the coordinates of the first
   usdsplat convert cap.####.sog shot.usdc --frames 1-48 --rate 25
       a sequence as time samples; the reverse: convert shot.usdc cap.####.ply
+  usdsplat convert cap.####.ply cap.####.sog --jobs 2
+      with two processes of this machine; --dask tcp://host:8786 uses a cluster, and --openjd FOLDER
+      writes a bundle for a farm
   usdsplat convert scan.ply scan.usdc --cameras colmap/sparse/0
       with a camera for each photograph, at its pose
   usdsplat convert scan.ply --rotate 0,0,180 --crop-sphere 0,0,0,5 --min-opacity 0.02 clean.ply
@@ -55,8 +58,10 @@ from typing import TYPE_CHECKING
 
 from usdsplat.cli import console, edit_flags
 from usdsplat.cli.arguments import given
+from usdsplat.cli.convert_job import check_job, run_as_job
 from usdsplat.cli.convert_options import Options, check, switches
 from usdsplat.cli.edit_flags import edits_of
+from usdsplat.cli.job_options import check_jobs
 from usdsplat.cli.reporting import Reporter
 from usdsplat.cli.stage_options import StageOptions
 from usdsplat.cli.values import resolution_of, time_code
@@ -75,6 +80,8 @@ if TYPE_CHECKING:
 
 __all__ = ["Options", "arranged", "run"]
 
+FORKS = True
+
 
 def arranged(words: Sequence[str]) -> list[str]:
     """Return the command line reordered for `Options`: files and flags may be given in any
@@ -92,6 +99,17 @@ def run(options: Options, reporter: Reporter) -> int:
     sources, target = [Path(options.source), *map(Path, options.others[:-1])], options.others[-1]
     edits = edits_of(options.edit)
     check(options, sources, target)
+    check_jobs(options.job)
+    check_job(options, target)
+    if options.job.is_asked:
+
+        def frames() -> Sequence[float]:
+            return _frames_of(options, sources, reporter)
+
+        made_by_tasks = run_as_job(options, target, frames, reporter)
+        if made_by_tasks is not None:
+            _say(options, made_by_tasks, reporter)
+        return 0
     with ExitStack() as during:
         stages = during.enter_context(
             _opened(sources, time_code(options.stage_input.frame), reporter)
@@ -130,11 +148,26 @@ def run(options: Options, reporter: Reporter) -> int:
         if not isinstance(report, ImportReport):
             reporter.findings.extend(report.findings)
         reporter.findings.check()
+    _say(options, report, reporter)
+    return 0
+
+
+def _say(options: Options, report: Report, reporter: Reporter) -> None:
     if options.json:
         reporter.print_json(asdict(report))
     else:
         console.say(_told(report))
-    return 0
+
+
+def _frames_of(options: Options, sources: Sequence[Path], reporter: Reporter) -> tuple[float, ...]:
+    """Return the frames of a conversion to a sequence, ascending."""
+    from usdsplat.interchange.sequence_exporting import frames_of
+    from usdsplat.interchange.sequence_files import files_of
+
+    with _opened(sources, time_code(options.stage_input.frame), reporter) as stages:
+        if stages:
+            return tuple(frames_of(stages[0], _frames(options)))
+        return tuple(files_of(sources[0], _frames(options)))
 
 
 def _import_options(options: Options) -> ImportOptions:

@@ -9,6 +9,7 @@ from typing import Annotated, Any
 
 from usdsplat.cli.arguments import flags_of, option, positional
 from usdsplat.cli.edit_flags import EditFlags
+from usdsplat.cli.job_options import JobOptions
 from usdsplat.cli.reporting import ReportingOptions
 from usdsplat.core.errors import UsageError
 from usdsplat.render.settings import RenderSettings
@@ -113,6 +114,7 @@ class Options:
     sequence: Frames = field(default_factory=Frames)
     capture: Captures = field(default_factory=Captures)
     edit: EditFlags = field(default_factory=EditFlags)
+    job: JobOptions = field(default_factory=JobOptions)
     reporting: ReportingOptions = field(default_factory=ReportingOptions)
 
 

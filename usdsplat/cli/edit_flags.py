@@ -70,6 +70,17 @@ def arranged(words: Sequence[str], switches: Collection[str]) -> list[str]:
     return plain + options
 
 
+def words_of_edits(flags: Any) -> tuple[str, ...]:
+    """Return the words of an `EditFlags` on a command line that is not arranged yet."""
+    found = []
+    for item in fields(flags):
+        for text in getattr(flags, item.name):
+            place, _, value = text.partition(":")
+            flag = f"--{item.name.replace('_', '-')}"
+            found.append((int(place), f"{flag}={value}" if value else flag))
+    return tuple(word for _, word in sorted(found))
+
+
 def edits_of(flags: Any) -> tuple[Edit, ...]:
     """Return the edits of an `EditFlags` in the order of the command line.
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from usdsplat.cli import bundles, console
-from usdsplat.cli.job_options import JobOptions, JobRunner, of_task
+from usdsplat.cli.job_options import COLD, TURNS, JobOptions, JobRunner, of_task
 from usdsplat.cli.render_options import Options
 from usdsplat.cli.reporting import Reporter
 from usdsplat.cli.values import bytes_of
@@ -20,10 +20,6 @@ if TYPE_CHECKING:
     from usdsplat.jobs.job import Job
     from usdsplat.products.request import PicturePlan
 
-TURNS = 8
-"""Number of tasks of each process, where --chunk does not say."""
-COLD = 24
-"""Frames of a task of a farm, where --chunk does not say: it opens the stage anew."""
 TILE_SUFFIX = ".tile"
 """End of the names of files that are no pictures."""
 

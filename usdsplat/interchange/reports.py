@@ -82,6 +82,8 @@ class SequenceExportReport(ExportReport):
     """Time codes, ascending."""
     counts: tuple[int, ...]
     """Splats of each frame."""
+    frame_notes: tuple[tuple[str, ...], ...]
+    """Notes on each frame, of which `notes` has each once."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -110,6 +110,7 @@ def write_frames(
         findings=tuple(dict.fromkeys(found for each in reports for found in each.findings)),
         frames=tuple(times),
         counts=tuple(each.splats for each in reports),
+        frame_notes=tuple(each.notes for each in reports),
     )
 
 

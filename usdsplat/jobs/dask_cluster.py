@@ -123,7 +123,7 @@ class DaskWorkers:
             BackendError: If the scheduler or all workers end, or no worker has what a task needs.
             Interrupted: If the process was asked to end.
         """
-        from distributed import CancelledError, Future
+        from distributed import CancelledError
 
         client, run = self._client, uuid.uuid4().hex[:8]
         needs = job.needs()
@@ -141,16 +141,18 @@ class DaskWorkers:
                 resources=resources[task],
                 pure=False,
             )
-        submitted = [future.key for future in futures.values()]
+        left = {future.key: (task, future) for task, future in futures.items()}
+        futures.clear()  # Dask repeats tasks whose results are still wanted when their worker dies
         try:
-            yield from self._ended(futures)
+            yield from self._ended(left)
         except (CancelledError, OSError) as error:
             raise BackendError(
                 self._where, "a scheduler that ended", "one that runs; --resume goes on"
             ) from error
         finally:
             with suppress(Exception):  # the scheduler may be gone
-                client.cancel([Future(key, client) for key in submitted])
+                for _, future in left.values():  # Dask forgets tasks that nobody wants
+                    future.release()
 
     # --- private ---------------------------------------------------------------------------
 
@@ -160,14 +162,15 @@ class DaskWorkers:
         except ImportError as error:
             raise BackendError("--dask", "no package distributed", INSTALL) from error
         stack.enter_context(_quiet())
-        address, count = self._address, 1
-        if address == LOCAL:
+        place: Any = self._address
+        count = 1
+        if self._address == LOCAL:
             self._local = stack.enter_context(LocalCluster(self._environments, self._fork))
-            address, count = self._local.address, len(self._environments)
-        elif "://" not in address:
-            raise UsageError("--dask", repr(address), "local, or tcp://HOST:PORT")
+            place, count = self._local.cluster, len(self._environments)  # they share a loop
+        elif "://" not in self._address:
+            raise UsageError("--dask", repr(self._address), "local, or tcp://HOST:PORT")
         try:
-            client = stack.enter_context(Client(address, timeout=PATIENCE))
+            client = stack.enter_context(Client(place, timeout=PATIENCE))
         except (OSError, ValueError, TypeError) as error:  # TypeError: tls without its settings
             found = f"no scheduler ({str(error).splitlines()[0]})"
             raise BackendError(self._where, found, "one that runs") from error
@@ -192,12 +195,14 @@ class DaskWorkers:
             raise BackendError(self._where, "no worker that meets the needs of a task", expected)
         return needed
 
-    def _ended(self, futures: dict[Task, Any]) -> Iterator[Outcome]:
-        """Yield tasks as they end."""
+    def _ended(self, left: dict[str, tuple[Task, Any]]) -> Iterator[Outcome]:
+        """Yield tasks as they end, and remove them.
+
+        Args:
+            left: Pairs of a task and its future by the future's key.
+        """
         from distributed import wait
 
-        left = {future.key: (task, future) for task, future in futures.items()}
-        futures.clear()  # Dask repeats tasks whose results are still wanted when their worker dies
         seen = looked = time.monotonic()
         while left:
             interrupt.check()

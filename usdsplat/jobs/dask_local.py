@@ -64,11 +64,10 @@ class LocalCluster:
                 scheduler={"cls": Scheduler, "options": {**SERVER, "port": 0}},
                 silence_logs=logging.CRITICAL,
             )
-            self._cluster = stack.enter_context(cluster)
-            self.address: str = cluster.scheduler_address
+            self.cluster = stack.enter_context(cluster)
             for forked in self._forked:
                 with suppress(OSError):  # it has ended, and is replaced
-                    forked.stdin.write(f"{self.address}\n")
+                    forked.stdin.write(f"{cluster.scheduler_address}\n")
                     forked.stdin.flush()
             self._stack = stack.pop_all()
         return self
@@ -79,8 +78,8 @@ class LocalCluster:
     def replace_dead(self) -> None:
         """Start a worker for each forked one that has died. Dask itself replaces the others."""
         dead = sum(each.poll() is not None for each in self._forked)
-        if dead > len(self._cluster.worker_spec):
-            self._cluster.scale(dead)
+        if dead > len(self.cluster.worker_spec):
+            self.cluster.scale(dead)
 
     def _end(self) -> None:
         """Wait for the end of the forked workers, to which the scheduler has said that it ends."""

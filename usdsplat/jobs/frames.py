@@ -1,4 +1,4 @@
-"""Divide a sequence of pictures into tasks."""
+"""Divide a sequence into tasks."""
 
 from __future__ import annotations
 
@@ -50,6 +50,20 @@ def render_job(
     joining = (*command, "--tile=join")
     join = Step(name=JOIN, command=joining, space=(chunks,), after=(DRAW,), uses_gpu=uses_gpu)
     return Job(name=name, steps=(draw, join), memory=memory)
+
+
+def frames_job(command: Command, frames: Sequence[float], *, name: str, chunk: int) -> Job:
+    """Return a job whose tasks are frames side by side.
+
+    Args:
+        command: The command without frames.
+        frames: Time codes.
+        name: Name of the job.
+        chunk: Number of frames of a task.
+    """
+    chunks = Parameter(name=FRAMES, values=tuple(chunk_texts(frames, chunk)))
+    step = Step(name=name, command=(*command, Slot("--frames", FRAMES)), space=(chunks,))
+    return Job(name=name, steps=(step,))
 
 
 def chunk_texts(frames: Sequence[float], chunk: int) -> list[str]:

@@ -135,7 +135,7 @@ def template_of(job: Job, bundle: Bundle) -> dict[str, Any]:
         definitions.append(
             {
                 "name": FRAMES, "type": "STRING", "default": frames,
-                "description": "frames to draw",
+                "description": "frames",
             }
         )  # fmt: skip
     return {
@@ -234,7 +234,8 @@ def _argument(word: str | Slot, source: Source) -> str:
     """
     if isinstance(word, Slot):
         return f"{word.flag}={{{{Task.Param.{_task_name(word.parameter)}}}}}"
-    rest = word.removeprefix(source.word()).removeprefix(f"--output={_reference(OUTPUT)}/")
+    rest = word.removeprefix(source.word()).removeprefix("--output=")
+    rest = rest.removeprefix(output_word(""))
     if "{{" in rest or "}}" in rest or _CONTROL.search(rest):
         raise UsageError("--openjd", repr(word), "a text without {{, }} and control characters")
     return word

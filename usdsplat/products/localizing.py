@@ -4,23 +4,26 @@ from __future__ import annotations
 
 import os
 import shutil
+from collections.abc import Sequence
 from pathlib import Path
 
 from pxr import Sdf, UsdUtils
 
 from usdsplat.core.errors import OutputError, StageError
 from usdsplat.interchange.files import capture_files, is_usd
+from usdsplat.interchange.sequence_files import files_of, is_sequence
 from usdsplat.schema.usd_files import export_layer
 
 
-def localize(source: Path, folder: Path) -> Path:
+def localize(source: Path, folder: Path, frames: Sequence[float] | None = None) -> Path:
     """Copy a stage with its layers and assets, or a capture, and return the path of the copy.
 
     Paths in the copied layers lead to the copied files, so that the folder can be moved.
 
     Args:
-        source: The stage or capture.
+        source: The stage or capture, or the name of a sequence of captures.
         folder: Folder for the copies, which does not exist.
+        frames: Those of a sequence; None for all.
 
     Raises:
         OutputError: If the folder exists, or a file cannot be written.
@@ -36,7 +39,7 @@ def localize(source: Path, folder: Path) -> Path:
     try:
         target = folder / source.name
         if not is_usd(source) or source.suffix == ".usdz":
-            for file in map(Path, capture_files(source) or [str(source)]):
+            for file in _captures(source, frames):
                 inside = target if file.name == source.name else _beside(target, source, file)
                 inside.parent.mkdir(parents=True, exist_ok=True)
                 shutil.copyfile(file, inside)
@@ -52,6 +55,13 @@ def localize(source: Path, folder: Path) -> Path:
             raise OutputError(str(source), found, expected) from error
         raise
     return target
+
+
+def _captures(source: Path, frames: Sequence[float] | None) -> list[Path]:
+    """Return the files of a capture, or of a sequence of captures."""
+    if is_sequence(source):
+        return [path.absolute() for path in files_of(source, frames).values()]
+    return list(map(Path, capture_files(source) or [str(source)]))
 
 
 def _beside(target: Path, source: Path, file: Path) -> Path:
