@@ -72,6 +72,18 @@ def test_usd_that_may_have_threads_forbids_it():
     assert printed(code, PXR_WORK_THREAD_LIMIT="2")[-1] == "False"
 
 
+def test_workers_with_gpus_are_not_forked():
+    """Oracle: NVIDIA's documentation of CUDA: a process must not use it after a fork. Without the
+    GPU, the same workers are."""
+    code = """
+from usdsplat.cli.job_options import JobOptions, JobRunner
+with forking.held():
+    for environment in ({"CUDA_VISIBLE_DEVICES": "0"}, {}):
+        print(JobRunner(JobOptions(), None, [environment])._can_fork(()))
+"""
+    assert printed(code) == ["False", "True"]
+
+
 def test_a_command_forks_its_workers(shot, tmp_path, gate):
     """Oracle: a process that is forked keeps the command line; one that is started has its own. The
     pictures are whole, and no process is left."""

@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from usdsplat.jobs.outcome import Outcome
 
 AUTO = "auto"
+GPUS = "CUDA_VISIBLE_DEVICES"
+"""Variable with the GPUs that a process may use."""
 COLD = 24
 """Frames of a task of a farm, where --chunk does not say: it opens its input anew."""
 TURNS = 8
@@ -149,12 +151,12 @@ def environments(
     each = {"USDSPLAT_THREADS": str(threads or max(1, cores // count))}
     if not gpus:
         return [dict(each) for _ in range(count)]
-    return [{**each, "CUDA_VISIBLE_DEVICES": gpus[i % len(gpus)]} for i in range(count)]
+    return [{**each, GPUS: gpus[i % len(gpus)]} for i in range(count)]
 
 
 def _visible_gpus(count: int) -> list[str]:
-    """Return the GPUs as values of CUDA_VISIBLE_DEVICES."""
-    named = os.environ.get("CUDA_VISIBLE_DEVICES")
+    """Return the GPUs as values of the variable GPUS."""
+    named = os.environ.get(GPUS)
     return named.split(",")[:count] if named else [str(i) for i in range(count)]
 
 
@@ -192,7 +194,7 @@ class JobRunner:
 
             is_here = self._options.dask == LOCAL and find_spec("distributed") is not None
             modules = (*self._modules, "distributed", "usdsplat.cli.dask_worker")
-            fork = forked_workers.dask_worker if is_here and forking.prepared(modules) else None
+            fork = forked_workers.dask_worker if is_here and self._can_fork(modules) else None
             made = DaskWorkers(
                 self._options.dask,
                 self._environments,
@@ -204,7 +206,7 @@ class JobRunner:
         elif self._options.openjd is None:
             from usdsplat.jobs.local import LocalWorkers
 
-            fork = forked_workers.worker if forking.prepared(self._modules) else None
+            fork = forked_workers.worker if self._can_fork(self._modules) else None
             self._workers = self._stack.enter_context(LocalWorkers(self._environments, fork))
         forking.release()
         return self
@@ -247,6 +249,12 @@ class JobRunner:
         if failed:
             count = f"{len(failed)} of {counted(total, 'task')} that failed"
             raise JobError(job.name, count, f"none; the others are done, go on with: {go_on}")
+
+    def _can_fork(self, modules: Sequence[str]) -> bool:
+        """Return whether workers can be forked now, see `forking`. The driver of GPUs, which was
+        asked for their number, does not work in a process that was forked then."""
+        uses_gpus = any(GPUS in each for each in self._environments)
+        return not uses_gpus and forking.prepared(modules)
 
     def _outcomes(self, job: Job) -> Iterator[Outcome]:
         from usdsplat.jobs.local import LocalWorkers
