@@ -56,13 +56,21 @@ class Seat:
         self.errors: list[str] = []
         self.page = self.sit()
 
-    def sit(self) -> Any:
-        """A page of its own, that has opened the URL."""
+    def sit(self, *, port: int | None = None, prepare: Callable[[Any], None] | None = None) -> Any:
+        """A page of its own, that has opened the URL.
+
+        Args:
+            port: Of a proxy; None for the server's own.
+            prepare: Called with the page before it is opened.
+        """
         page = self.context.new_page()
         page.set_default_timeout(1000 * PATIENCE)
         page.on("console", self._hear)
         page.on("pageerror", lambda error: self.errors.append(str(error)))
-        page.goto(self.server.url)
+        if prepare is not None:
+            prepare(page)
+        own = urlsplit(self.server.url).port
+        page.goto(self.server.url.replace(f":{own}/", f":{port or own}/"))
         return page
 
     def close(self) -> None:

@@ -11,6 +11,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
 from tests.preview.web.wire import PATIENCE, Host, Page
+from usdsplat.preview.web.link import MOST_UNDER_WAY
 from usdsplat.preview.web.server import MOST_PAGES, serve
 from usdsplat.preview.web.session_proxy import MOST
 
@@ -30,20 +31,21 @@ def test_a_page_is_told_everything_and_shown_a_picture(host: Host) -> None:
         assert (header["splats"], header["total"]) == (5, 7)
 
 
-def test_the_next_frame_waits_for_an_acknowledgement(host: Host) -> None:
-    """Oracle: a window of one; a page that does not answer gets news, but no second frame."""
+def test_a_page_that_acknowledges_nothing_gets_few_frames(host: Host) -> None:
+    """Oracle: link.py's limit; it still gets news, and the last frame once it answers."""
     with host.page() as page:
         while page.next()[0] != "frame":
             pass
-        for right in range(20):
+        for right in range(3 * MOST_UNDER_WAY):
             page.say("orbit", right=0.01 * right)
         page.say("end_move")
         page.say("use_camera", path="/none")
         while page.next()[0] != "problem":
             pass
-        assert len(page.frames) == 1
-        page.say("acknowledge", number=page.frames[0]["number"] + 1000)
-        page.say("acknowledge", number=page.frames[0]["number"])
+        assert len(page.frames) <= MOST_UNDER_WAY
+        page.say("acknowledge", message=page.frames[0]["message"] + 1000)
+        for each in tuple(page.frames):
+            page.say("acknowledge", message=each["message"])
         while page.final()["number"] != len(host.document.states):
             pass
 
@@ -162,36 +164,69 @@ def test_of_questions_about_one_thing_the_last_is_answered(host: Host) -> None:
         page.hear("picked")
 
 
-def test_one_page_has_the_view_and_another_may_take_it(host: Host) -> None:
-    """Oracle: pages.py says who has it."""
-    with host.page(name="first") as first, host.page(name="second") as second:
-        first.final()
-        second.hear("in_use")
-        second.say("set_aov", name="N")
-        second.hear("in_use")
-        second.say("take_over", width=96, height=64)
-        first.hear("in_use")
-        while second.final()["viewport"] != [96, 64]:
-            pass
-        assert host.document.states[-1].look.aov == "color"
-        with host.page(name="second") as again:
-            again.final()
-            second.hear("in_use")
-
-
-def test_the_view_is_free_when_its_page_goes(host: Host) -> None:
-    """Oracle: playing stops when nobody looks; who waits is told, and who comes next has it."""
-    with host.page(name="other", hello=False) as other:
-        with host.page(name="first") as page:
-            page.final()
-            page.say("play", is_playing=True)
-            while not page.hear("state")["is_playing"]:
+def test_one_page_drives_and_another_watches_until_it_takes_control(host: Host) -> None:
+    """Oracle: pages.py says who drives; both get every final picture, of the driver's size."""
+    with host.page(name="first") as first, host.page(name="second", size=(96, 64)) as second:
+        assert first.hear("seats") == {"you": 1, "driver": 1, "pages": 1}
+        assert second.hear("seats") == {"you": 2, "driver": 1, "pages": 2}
+        first.say("set_time", time=4)
+        for page in (first, second):
+            while (header := page.final())["time"] != 4:
                 pass
-            other.say("hello", page="other", width=64, height=48)
-            other.hear("in_use")
-        other.hear("free")
-        other.say("take_over", width=64, height=48)
-        assert other.hear("state")["is_playing"] is False
+            assert header["viewport"] == [64, 48]
+        second.say("set_aov", name="N")
+        second.hear("watching")
+        second.say("take_over", width=96, height=64)
+        assert second.hear("seats") == {"you": 2, "driver": 2, "pages": 2}
+        for page in (first, second):
+            while page.final()["viewport"] != [96, 64]:
+                pass
+        assert host.document.states[-1].look.aov == "color"
+        first.say("set_aov", name="N")
+        first.hear("watching")
+
+
+def test_a_page_that_comes_again_drives_again(host: Host) -> None:
+    """Oracle: its name; the lost connection, which the server may still take for open, watches."""
+    with host.page(name="first") as first:
+        first.final()
+        with host.page(name="first") as again:
+            assert again.hear("seats") == {"you": 2, "driver": 2, "pages": 2}
+
+
+def test_who_has_watched_the_longest_drives_when_the_driver_goes(host: Host) -> None:
+    """Oracle: the order of hellos; the picture gets the size of the new driver's viewport."""
+    with ExitStack() as stack:
+        with host.page(name="first") as first:
+            first.final()
+            second = stack.enter_context(host.page(name="second", size=(80, 60)))
+            second.hear("seats")
+            third = stack.enter_context(host.page(name="third", size=(96, 64)))
+            third.hear("seats")
+            second.say("resize", width=88, height=60)
+            second.say("set_aov", name="N")
+            second.hear("watching")
+        while second.hear("seats")["driver"] != 2:
+            pass
+        while third.hear("seats") != {"you": 3, "driver": 2, "pages": 2}:
+            pass
+        while second.final()["viewport"] != [88, 60]:
+            pass
+        second.say("set_time", time=3)
+        while third.final()["time"] != 3:
+            pass
+
+
+def test_playback_ends_when_nobody_looks(host: Host) -> None:
+    """Oracle: the state that the next page gets."""
+    with host.page(name="first") as page:
+        page.final()
+        page.say("play", is_playing=True)
+        while not page.hear("state")["is_playing"]:
+            pass
+    with host.page(name="second") as other:
+        while other.hear("state")["is_playing"]:
+            pass
 
 
 def test_so_many_pages_and_no_more(host: Host) -> None:
@@ -199,10 +234,10 @@ def test_so_many_pages_and_no_more(host: Host) -> None:
     with ExitStack() as stack:
         for number in range(MOST_PAGES):
             page = stack.enter_context(host.page(name=str(number)))
-            page.hear("in_use" if number else "welcome")
+            assert page.hear("seats")["you"] == number + 1
         more = stack.enter_context(host.page(hello=False))
         with pytest.raises(ConnectionClosed) as caught:
-            more.hear("in_use")
+            more.hear("seats")
         assert caught.value.rcvd is not None and caught.value.rcvd.code == 1013
 
 

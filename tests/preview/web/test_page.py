@@ -249,17 +249,32 @@ def test_a_wrong_value_is_told_and_the_picture_stays(seat: Seat) -> None:
     seat.rested(number - 1, accept=lambda picture: picture.state.look.settings.sh_degree == 0)
 
 
-def test_another_page_takes_over_and_gives_back(seat: Seat) -> None:
-    """Oracle: who has the view has no dialog; who has not has one, with a button."""
+def test_another_page_watches_takes_control_and_gives_it_back(seat: Seat) -> None:
+    """Oracle: who drives has no button to take control; who watches sees the same picture, and its
+    controls do nothing; closing the driver's page passes control on."""
     first = seat.page
     second = seat.sit()
-    second.get_by_role("button", name="Take over").click()
-    second.get_by_role("dialog").wait_for(state="hidden")
-    first.get_by_role("dialog").wait_for()
-    first.get_by_role("button", name="Take over").click()
-    second.get_by_role("dialog").wait_for()
+    second.get_by_text("You watch as viewer 2; viewer 1 drives.").wait_for()
+    first.get_by_text("another viewer watches").wait_for()
+    assert second.locator("#timeline").evaluate("each => each.inert")
+    before = look_at_everything(seat)
+    number = drag(seat, (60, 20))
+    assert number > before
+    second.wait_for_function(
+        f"() => document.getElementById('picture').dataset.number === '{number}'"
+    )
+    state = seat.session._state
+    second.mouse.move(*MIDDLE)
+    second.mouse.wheel(0, 200)
+    second.locator("#seats.nudged").wait_for()
+    assert seat.session._state == state
+    second.get_by_role("button", name="Take control").click()
+    second.get_by_text("You drive as viewer 2").wait_for()
+    first.get_by_role("button", name="Take control").wait_for()
+    assert not second.locator("#timeline").evaluate("each => each.inert")
     second.close()
-    first.get_by_role("dialog").wait_for(state="hidden")
+    first.locator("#seats").wait_for(state="hidden")
+    assert not first.locator("#timeline").evaluate("each => each.inert")
 
 
 def test_the_page_comes_again_by_itself(seat: Seat) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 from dataclasses import dataclass
 from functools import cache
 from importlib import resources
@@ -20,6 +21,16 @@ class File:
 
     content_type: str
     body: bytes
+
+    @property
+    def packed(self) -> bytes:
+        """The body, compressed with gzip: a quarter."""
+        return _packed(self.body)
+
+
+@cache
+def _packed(body: bytes) -> bytes:
+    return gzip.compress(body, mtime=0)
 
 
 @cache

@@ -52,14 +52,14 @@ class Hello(_Size):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TakeOver(_Size):
-    """Take over the view that another page has."""
+    """Take control from the page that drives."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Acknowledge:
-    """A frame was shown; the next one may be sent."""
+    """A message with a part of a picture arrived; that with the last part was shown."""
 
-    number: int = knob(MISSING, "number of the picture", range=(0, 2**53))
+    message: int = knob(MISSING, "number of the message", range=(0, 2**53))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

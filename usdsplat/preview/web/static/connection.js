@@ -18,6 +18,8 @@ export class Connection {
     this.listener = listener;
     this.page = pageName();
     this.tries = 0;
+    this.parts = null;
+    this.shown = Promise.resolve();
     this.connect();
   }
 
@@ -47,7 +49,7 @@ export class Connection {
     };
   }
 
-  async receive(data) {
+  receive(data) {
     if (typeof data === "string") {
       const { type, content } = JSON.parse(data);
       this.listener.message(type, content);
@@ -55,11 +57,20 @@ export class Connection {
     }
     const length = new DataView(data).getUint32(0);
     const header = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 4, length)));
-    const image = new Blob([new Uint8Array(data, 4 + length)], { type: header.encoding });
-    try {
-      await this.listener.frame(header, image);
-    } finally {
-      this.send("acknowledge", { number: header.number });
+    const acknowledge = () => this.send("acknowledge", { message: header.message });
+    if (header.part === 0) this.parts = { header, pieces: [] }; // a newer picture ends one that is not complete
+    this.parts.pieces.push(new Uint8Array(data, 4 + length));
+    if (header.part < header.parts - 1) {
+      acknowledge();
+      return;
     }
+    const { header: about, pieces } = this.parts;
+    const image = new Blob(pieces, { type: about.encoding });
+    // one after the other: images are decoded in other threads, and a small one would overtake
+    this.shown = this.shown.then(() => this.listener.frame(about, image)).finally(acknowledge).catch(report);
   }
+}
+
+function report(error) {
+  console.error(error);
 }

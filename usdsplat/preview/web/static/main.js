@@ -70,15 +70,9 @@ const heard = {
     at("busy").textContent = sentence;
     setTimeout(() => { if (at("busy").textContent === sentence) at("busy").hidden = true; }, 3000);
   },
-  in_use() {
-    at("in-use").hidden = false;
-    at("in-use-text").textContent = "One page at a time moves about. You can take over; that page can take back.";
-  },
-  free() {
-    at("in-use-text").textContent = "It has been closed.";
-  },
-  welcome() {
-    at("in-use").hidden = true;
+  seats: showSeats,
+  watching() { // answers an action that only the driving page may do
+    at("seats").classList.add("nudged");
   },
 };
 
@@ -96,6 +90,18 @@ const connection = new Connection({
   },
 });
 
+function showSeats({ you, driver, pages }) {
+  const drives = you === driver;
+  const others = pages - 1;
+  document.body.dataset.drives = drives;
+  at("seats").hidden = others === 0;
+  at("seats").firstElementChild.textContent = drives
+    ? `You drive as viewer ${you}; ${others === 1 ? "another viewer watches" : `${others} others watch`}.`
+    : `You watch as viewer ${you}; viewer ${driver} drives.`;
+  at("take-control").hidden = drives;
+  for (const element of document.querySelectorAll("[data-driver]")) element.inert = !drives;
+}
+
 function told(status) {
   const parts = [status.state];
   if (status.frame !== null) parts.push(`frame ${short(status.frame)}${status.end === null ? "" : ` of ${short(status.end)}`}`);
@@ -109,7 +115,7 @@ function showHud(header) {
   const { total, ...stages } = header.milliseconds;
   const reading = header.missing ? ` · reading ${count(header.missing)} nodes` : "";
   at("counts").textContent = `${count(header.splats)} of ${count(header.total)} splats${reading}`;
-  const quality = header.is_final ? "full" : header.scale > 1 ? `1 : ${short(header.scale)}` : "coarse";
+  const quality = header.is_final ? "full" : header.is_sharp ? "sharp" : header.scale > 1 ? `1 : ${short(header.scale)}` : "coarse";
   const size = ` · ${header.width} × ${header.height}, ${quality}`;
   const rate = viewport.rate ? ` · ${viewport.rate.toFixed(0)} fps` : "";
   at("speed").textContent = `${(total ?? 0).toFixed(0)} ms${rate}${size}`;
@@ -164,8 +170,9 @@ at("frame").addEventListener("click", () => send("frame"));
 at("undo").addEventListener("click", () => send("undo"));
 at("redo").addEventListener("click", () => send("redo"));
 at("reload").addEventListener("click", () => send("reload"));
-at("take-over").addEventListener("click", () => send("take_over", viewport.size));
+at("take-control").addEventListener("click", () => send("take_over", viewport.size));
 at("problem").querySelector("button").addEventListener("click", () => { at("problem").hidden = true; });
+at("seats").addEventListener("animationend", () => at("seats").classList.remove("nudged"));
 for (const action of ["run", "pause", "step", "reset"]) {
   at(`simulation-${action}`).addEventListener("click", () => send("simulate", { action }));
 }
