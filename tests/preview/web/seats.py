@@ -41,10 +41,14 @@ class Seat:
     Args:
         browser: Playwright's.
         open_document: As for `Session`.
+        device: Of the browser's context, such as its viewport.
     """
 
     def __init__(
-        self, browser: Any, open_document: Callable[[Callable[[Event], None]], Document]
+        self,
+        browser: Any,
+        open_document: Callable[[Callable[[Event], None]], Document],
+        **device: Any,
     ) -> None:
         self.pictures: dict[int, Picture] = {}
         self.states: list[Any] = []
@@ -52,7 +56,7 @@ class Seat:
         self.session = Session(open_document)
         self.session.listen(self._keep)
         self.server: Server = serve(self.session)
-        self.context = browser.new_context(viewport={"width": 1000, "height": 640})
+        self.context = browser.new_context(**{"viewport": {"width": 1000, "height": 640}, **device})
         self.errors: list[str] = []
         self.page = self.sit()
 

@@ -152,11 +152,11 @@ class WebController:
         match message:
             case m.Frame(everything=everything):
                 self._viewer.frame(() if everything else self._viewer.state.selected)
-            case m.Pick(x=x, y=y, is_target=is_target):
+            case m.Pick(x=x, y=y):
                 self._proxy.ask(
                     lambda document: pick(document, x, y),
-                    lambda picked: self._picked(picked, is_target=is_target),
-                    key=f"pick {is_target}",
+                    lambda picked: self._picked(picked, message),
+                    key=f"pick {message.is_target} {message.is_framed}",
                 )
             case m.Simulate(action=action):
                 self._proxy.ask(lambda document: _simulate(document, action))
@@ -204,14 +204,13 @@ class WebController:
         self._parameters = as_json(prims)
         self._tell("parameters", self._parameters)
 
-    def _picked(self, picked: Picked | None, *, is_target: bool) -> None:
+    def _picked(self, picked: Picked | None, message: m.Pick) -> None:
         self._tell("picked", as_json(picked))
-        if picked is None:
-            self._viewer.select(())
-            return
-        self._viewer.select((picked.path,))
-        if is_target:
+        self._viewer.select(() if picked is None else (picked.path,))
+        if picked is not None and message.is_target:
             self._viewer.aim(picked.position)
+        elif message.is_framed:
+            self._viewer.frame(self._viewer.state.selected)
 
     # --- what happened ---------------------------------------------------------------------
 

@@ -201,6 +201,7 @@ class Pick:
     x: float = knob(MISSING, "distance from the left", unit="pixel", range=_PLACE)
     y: float = knob(MISSING, "distance from the top", unit="pixel", range=_PLACE)
     is_target: bool = knob(False, "whether the camera orbits the picked point from now on")
+    is_framed: bool = knob(False, "whether the picked prim is framed; without one, everything")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -9,7 +9,10 @@ const at = (id) => document.getElementById(id);
 const FREE = "free camera";
 const ALL = "frame everything";
 
+const SMALL = matchMedia("(max-width: 760px)"); // as in style.css
+
 const send = (type, members) => connection.send(type, members);
+showPanels(!SMALL.matches); // before the viewport is measured
 const viewport = new Viewport(at("viewport"), at("picture"), send);
 const timeline = new Timeline(send);
 const display = new Knobs(at("display"), (name, value) => send("set_display", { name, value }));
@@ -176,10 +179,12 @@ at("seats").addEventListener("animationend", () => at("seats").classList.remove(
 for (const action of ["run", "pause", "step", "reset"]) {
   at(`simulation-${action}`).addEventListener("click", () => send("simulate", { action }));
 }
-at("panels-shown").addEventListener("click", () => {
-  at("panels").hidden = !at("panels").hidden;
-  at("panels-shown").ariaExpanded = String(!at("panels").hidden);
-});
+function showPanels(isShown) {
+  at("panels").hidden = !isShown;
+  at("panels-shown").ariaExpanded = String(isShown);
+  document.body.dataset.panels = isShown ? "shown" : "hidden";
+}
+at("panels-shown").addEventListener("click", () => showPanels(at("panels").hidden));
 
 document.addEventListener("keydown", (event) => {
   const isMenu = event.ctrlKey || event.metaKey;

@@ -3,6 +3,8 @@
 const MOST_RATIO = 2; // most device pixels per CSS pixel that are worth their time
 const MOST_PIXELS = 2560 * 1600;
 const CLICK = 4; // CSS pixels that the pointer may move during a click
+const TAP = 10; // the same of a finger
+const TWICE = [350, 32]; // ms and CSS pixels between the taps of a double tap
 const REST = 180; // ms after the last wheel event
 const FAST = 4; // speed factor with Shift
 const FLIGHT = {
@@ -113,7 +115,7 @@ export class Viewport {
     canvas.addEventListener("pointercancel", (event) => this.released(event));
     canvas.addEventListener("contextmenu", (event) => event.preventDefault());
     canvas.addEventListener("dblclick", (event) => {
-      this.send("pick", { ...this.place(event), is_target: true });
+      if (!this.isTouch) this.send("pick", { ...this.place(event), is_target: true });
     });
     canvas.addEventListener("wheel", (event) => this.wheeled(event), { passive: false });
     canvas.addEventListener("keydown", (event) => this.keyed(event));
@@ -132,6 +134,7 @@ export class Viewport {
     }
     this.start = { x: event.clientX, y: event.clientY };
     this.hasMoved = false;
+    this.isTouch = event.pointerType === "touch";
     this.way = wayOf(event);
   }
 
@@ -142,7 +145,7 @@ export class Viewport {
       this.pinched(event, last);
     } else if (this.pointers.size === 1) {
       const far = Math.hypot(event.clientX - this.start.x, event.clientY - this.start.y);
-      if (!this.hasMoved && far < CLICK) return;
+      if (!this.hasMoved && far < (this.isTouch ? TAP : CLICK)) return;
       this.hasMoved = true;
       const [dx, dy] = [event.clientX - last.x, event.clientY - last.y];
       if (this.way === "dolly") this.dolly((dx + dy) / -250);
@@ -164,8 +167,18 @@ export class Viewport {
     if (!this.pointers.delete(event.pointerId) || this.pointers.size) return;
     if (this.hasMoved) this.rest();
     else if (event.type === "pointerup" && event.button === 0 && !event.altKey) {
-      this.send("pick", this.place(event));
+      this.send("pick", { ...this.place(event), is_framed: this.isTouch && this.isSecondTap(event) });
     }
+  }
+
+  /** Whether a tap is the second of a double tap. */
+  isSecondTap(event) {
+    const [time, distance] = TWICE;
+    const last = this.tapped;
+    const isSecond = last !== undefined && event.timeStamp - last.time < time
+      && Math.hypot(event.clientX - last.x, event.clientY - last.y) < distance;
+    this.tapped = isSecond ? undefined : { time: event.timeStamp, x: event.clientX, y: event.clientY };
+    return isSecond;
   }
 
   wheeled(event) {
