@@ -37,6 +37,8 @@ class SimulatedLink:
         self.bandwidth, self.round_trip, self.decoding = bandwidth, round_trip, decoding
         self.now = 0.0
         self.arrivals: list[Arrival] = []
+        self.files: list[tuple[dict[str, Any], bytes]] = []
+        """Parts of files: header and bytes."""
         self.most_under_way = 0
         """Most bytes under way at a time."""
         self._is_free_at = 0.0
@@ -69,10 +71,12 @@ class SimulatedLink:
             data = self.stream.next(self.now)
             if data is None:
                 order = self.stream.order()
-                if order is None:
+                if order is not None:
+                    self.stream.take(order, order.encoded())
+                    continue
+                data = self.stream.next_of_download(self.now)
+                if data is None:
                     return
-                self.stream.take(order, order.encoded())
-                continue
             self.most_under_way = max(self.most_under_way, self.stream.link.under_way)
             self._is_free_at = max(self._is_free_at, self.now) + len(data) / self.bandwidth
             self.at(self._is_free_at + 0.5 * self.round_trip, lambda data=data: self._arrive(data))
@@ -80,7 +84,10 @@ class SimulatedLink:
     def _arrive(self, data: bytes) -> None:
         (length,) = struct.unpack(">I", data[:4])
         header = json.loads(data[4 : 4 + length])
-        self.arrivals.append(Arrival(at=self.now, header=header, size=len(data)))
-        is_last = header["part"] == header["parts"] - 1
+        is_last = header.get("part", 0) == header.get("parts", 0) - 1
+        if "file" in header:
+            self.files.append((header, data[4 + length :]))
+        else:
+            self.arrivals.append(Arrival(at=self.now, header=header, size=len(data)))
         back = self.now + 0.5 * self.round_trip + (self.decoding if is_last else 0.0)
         self.at(back, lambda: self.stream.acknowledged(header["message"], self.now))

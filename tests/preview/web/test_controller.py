@@ -85,6 +85,9 @@ def test_what_a_page_does_is_seen(host: Host) -> None:
         ('{"type": "set_range", "start": 5, "end": 1}', "range: found 5 to 1"),
         ('{"type": "simulate", "action": "run"}', "simulation: found none on the stage"),
         ('{"type": "set_aov", "name": "Z"}', "/World: found no depth"),
+        ('{"type": "set_other", "aov": "beauty"}', "expected one of color"),
+        ('{"type": "set_wipe", "part": 1.5}', "0 to 1"),
+        ('{"type": "list_prims", "path": "../x"}', "../x"),
     ],
 )
 def test_a_wrong_message_is_one_sentence_and_the_page_goes_on(
@@ -184,6 +187,65 @@ def test_one_page_drives_and_another_watches_until_it_takes_control(host: Host) 
         assert host.document.states[-1].look.aov == "color"
         first.say("set_aov", name="N")
         first.hear("watching")
+
+
+def test_a_page_that_watches_may_look_and_change_nothing(host: Host) -> None:
+    """Oracle: answers to questions come to the one that asked; all else is refused."""
+    with host.page(name="first") as first, host.page(name="second") as second:
+        first.final()
+        second.say("list_prims", path="/")
+        assert second.hear("prims") == {"path": "/", "first": 0, "rows": [], "has_more": False}
+        second.say("search_prims", text="x")
+        assert second.hear("found") == {"text": "x", "paths": []}
+        second.say("probe", x=1, y=1)
+        assert second.hear("probed") is None
+        second.say("list_prims", path="/nowhere")
+        assert "/nowhere" in second.hear("problem")
+        for kind, members in (
+            ("set_visible", {"path": "/A", "is_visible": False}),
+            ("record", {}),
+            ("add_bookmark", {}),
+            ("set_other", {"aov": "N"}),
+            ("select", {"path": "/A"}),
+        ):
+            second.say(kind, **members)
+            second.hear("watching")
+        first.say("set_time", time=2)
+        while first.final()["time"] != 2:
+            pass
+        state = host.document.states[-1]
+        assert state.other is None and state.selected == ()
+        assert first.last("state")["bookmarks"] == []
+
+
+def test_comparisons_and_bookmarks_are_kept(host: Host) -> None:
+    """Oracle: the state that the document was asked to draw, and that the page is told."""
+    with host.page() as page:
+        page.final()
+        page.say("set_setting", name="sh_degree", value=1)
+        page.say("set_other", aov="N", time=3)
+        page.say("set_setting", name="sh_degree", value=2)
+        page.say("set_other", aov="albedo")
+        page.say("set_wipe", part=0.25)
+        page.say("add_bookmark", name="here")
+        page.say("use_camera", path="/B")
+        page.say("add_bookmark")
+        while page.hear("state")["bookmarks"] != ["here", "View 1"]:
+            pass
+        page.say("restore_bookmark", name="here")
+        page.say("remove_bookmark", name="View 1")
+        while page.hear("state")["bookmarks"] != ["here"]:
+            pass
+        page.say("set_time", time=9)
+        while page.final()["time"] != 9:
+            pass
+        state = host.document.states[-1]
+        assert state.wipe == 0.25 and state.camera != "/B"
+        assert (state.other.aov, state.other.time) == ("albedo", None)
+        assert (state.look.settings.sh_degree, state.other.settings.sh_degree) == (2, 1)
+        page.say("set_other", aov=None)
+        while page.hear("state")["other"] is not None:
+            pass
 
 
 def test_a_page_that_comes_again_drives_again(host: Host) -> None:

@@ -7,7 +7,7 @@ import json
 import struct
 
 from tests.preview.web.pictures import picture
-from usdsplat.preview.web.outbox import Outbox
+from usdsplat.preview.web.outbox import MOST_NEWS, Outbox
 from usdsplat.preview.web.stream import Order
 
 
@@ -64,5 +64,20 @@ def test_pictures_are_encoded_and_sent_while_the_link_has_room() -> None:
         assert not waiting.done()
         outbox.show(picture(number=4))
         assert isinstance((await waiting)[1], Order)
+
+    asyncio.run(main())
+
+
+def test_answers_of_several_subjects_wait_up_to_a_limit() -> None:
+    """Oracle: the newest of each subject, and of too many the last ones."""
+
+    async def main() -> None:
+        outbox = Outbox()
+        for number in range(MOST_NEWS + 50):
+            for content in ("old", "new"):
+                outbox.tell("prims", [number, content], subject=f"/{number}")
+        news, _ = await outbox.taken()
+        found = [json.loads(each)["content"] for each in news]
+        assert found == [[number, "new"] for number in range(50, MOST_NEWS + 50)]
 
     asyncio.run(main())

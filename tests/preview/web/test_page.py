@@ -60,7 +60,7 @@ def own_camera(seat: Seat) -> FreeCamera:
 
 def look_at_everything(seat: Seat) -> int:
     """Have nobody's camera; returns the number of the picture that is final."""
-    seat.page.get_by_label("Camera").select_option(label="frame everything")
+    seat.page.locator("#camera").select_option(label="frame everything")
     return seat.rested(accept=lambda picture: picture.state.camera is None)
 
 
@@ -155,7 +155,7 @@ def test_f_frames_everything_again(seat: Seat) -> None:
 
 def test_a_camera_of_the_stage_is_looked_through(seat: Seat) -> None:
     """Oracle: the state has its path."""
-    seat.page.get_by_label("Camera").select_option("/Camera")
+    seat.page.locator("#camera").select_option("/Camera")
     number = seat.rested(accept=lambda picture: picture.state.camera == "/Camera")
     assert np.array_equal(seat.canvas()[1], seat.picture(number).image)
 
@@ -238,7 +238,7 @@ def test_knobs_are_turned_and_turned_back(seat: Seat) -> None:
 
 def test_a_wrong_value_is_told_and_the_picture_stays(seat: Seat) -> None:
     """Oracle: the browser's own check of the knob's range."""
-    seat.page.get_by_text("Render settings").click()
+    seat.page.get_by_text("Render settings", exact=True).click()
     knob = seat.page.get_by_role("spinbutton", name="SH degree")
     knob.fill("9")
     knob.press("Enter")

@@ -161,7 +161,7 @@ def test_a_pinch_goes_nearer_by_the_ratio_of_the_distances(seat: Seat) -> None:
 def test_a_tap_picks_and_a_double_tap_frames(seat: Seat) -> None:
     """Oracle: the state's selection; the camera that the document's subject is framed with."""
     show_panels(seat, True)
-    seat.page.get_by_label("Camera").select_option(label="frame everything")
+    seat.page.locator("#camera").select_option(label="frame everything")
     show_panels(seat, False)
     number = seat.rested(accept=lambda picture: picture.state.camera is None)
     rows, columns = np.nonzero(np.ptp(seat.canvas()[1].astype(int), axis=2) > 60)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import struct
 from dataclasses import replace
 from itertools import pairwise
 
@@ -9,7 +11,13 @@ import pytest
 
 from tests.preview.web.pictures import scenery
 from tests.preview.web.simulated_link import SimulatedLink
-from usdsplat.preview.web.stream import FIRST, RATE
+from usdsplat.preview.web.stream import (
+    FIRST,
+    MOST_DOWNLOADS,
+    RATE,
+    Download,
+    PictureStream,
+)
 
 SLOW = {"bandwidth": 125e3, "round_trip": 0.2}
 """1 Mbit/s, and 200 ms."""
@@ -105,3 +113,33 @@ def test_pictures_that_come_faster_than_they_can_be_sent_are_left_out() -> None:
     link.run(20.0)
     numbers = [each.header["number"] for each in link.shown()]
     assert numbers == sorted(numbers) and numbers[-1] == 199 and len(set(numbers)) < 60
+
+
+def test_a_file_arrives_whole_and_pictures_precede_it() -> None:
+    """Oracle: its bytes in order; of a drag as many pictures arrive as without it."""
+    data = bytes(range(256)) * 2000
+    link = SimulatedLink(**SLOW)
+    dragged(link, 0.0, 4.0)
+    link.at(1.0, lambda: link.stream.send(Download(name="a.png", encoding="image/png", data=data)))
+    link.run(4.0)
+    assert len([each for each in link.shown() if each.at > 2.0]) / 2.0 >= 8
+    link.run(30.0)
+    assert b"".join(body for _, body in link.files) == data
+    heads = [head for head, _ in link.files]
+    assert [head["is_first"] for head in heads] == [True] + [False] * (len(heads) - 1)
+    assert [head["is_last"] for head in heads] == [False] * (len(heads) - 1) + [True]
+    assert {head["size"] for head in heads} == {len(data)}
+
+
+def test_few_files_wait() -> None:
+    """Oracle: the limit; the one that is being sent is not dropped."""
+    stream = PictureStream()
+    for number in range(3 * MOST_DOWNLOADS):
+        stream.send(Download(name=f"{number}", encoding="image/png", data=b"x"))
+    found = []
+    while (data := stream.next_of_download(0.0)) is not None:
+        (length,) = struct.unpack(">I", data[:4])
+        head = json.loads(data[4 : 4 + length])
+        stream.acknowledged(head["message"], 0.0)
+        found.append(head["file"])
+    assert found == ["0", "9", "10", "11"]

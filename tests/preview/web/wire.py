@@ -63,7 +63,8 @@ class Host:
     ) -> Iterator[Page]:
         """A page that has said hello."""
         url = f"ws://{self.address}{self.path}socket"
-        with connect(url, origin=f"http://{self.address}") as wire:
+        # without a limit, a page that reads nothing would not see the end of its connection either
+        with connect(url, origin=f"http://{self.address}", max_queue=None) as wire:
             page = Page(wire)
             if hello:
                 page.say("hello", page=name, width=size[0], height=size[1])
@@ -90,6 +91,10 @@ class Page:
                 self.say("acknowledge", message=content["message"])
             if found == kind:
                 return content
+
+    def last(self, kind: str) -> Any:
+        """The content of the last message of a kind so far."""
+        return next(content for found, content in reversed(self.heard) if found == kind)
 
     def next(self) -> tuple[str, Any]:
         """Whatever comes next; of a picture in parts, each of them."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from usdsplat.core.errors import UsageError
 from usdsplat.images.aovs import AOVS
 from usdsplat.preview.knob_model import with_value
@@ -10,6 +12,8 @@ from usdsplat.preview.viewer import Viewer
 from usdsplat.preview.web import messages as m
 from usdsplat.render.settings import RenderSettings
 
+MOST_BOOKMARKS = 200
+
 
 def apply(viewer: Viewer, message: m.Message) -> bool:
     """Apply a message, and return False if it needs the stage.
@@ -17,7 +21,7 @@ def apply(viewer: Viewer, message: m.Message) -> bool:
     Raises:
         UsageError: If it refers to something that does not exist.
     """
-    return _move(viewer, message) or _set_time(viewer, message) or _set_look(viewer, message)
+    return any(step(viewer, message) for step in (_move, _set_time, _set_look, _change_bookmarks))
 
 
 def _move(viewer: Viewer, message: m.Message) -> bool:
@@ -74,6 +78,31 @@ def _set_look(viewer: Viewer, message: m.Message) -> bool:
         case m.SetDisplay(name=name, value=value):
             display = with_value(viewer.state.display, name, value)
             viewer.set_display(**{name: getattr(display, name)})
+        case m.SetOther(aov=None):
+            viewer.set_other(None)
+        case m.SetOther(aov=str(aov), time=time):
+            _check_aov(aov)
+            before = viewer.state.other or viewer.state.look
+            viewer.set_other(replace(before, aov=aov, time=time))
+        case m.SetWipe(part=part):
+            viewer.set_wipe(part)
+        case m.Select(path=path):
+            viewer.select(() if path is None else (path,))
+        case _:
+            return False
+    return True
+
+
+def _change_bookmarks(viewer: Viewer, message: m.Message) -> bool:
+    match message:
+        case m.AddBookmark(name=name):
+            if len(viewer.bookmarks) >= MOST_BOOKMARKS:
+                raise UsageError("bookmark", "one more", f"at most {MOST_BOOKMARKS}")
+            viewer.add_bookmark(name.strip())
+        case m.RestoreBookmark(name=name):
+            viewer.restore(name)
+        case m.RemoveBookmark(name=name):
+            viewer.remove(name)
         case _:
             return False
     return True

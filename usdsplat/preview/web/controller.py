@@ -35,6 +35,8 @@ from usdsplat.preview.viewer import Viewer
 from usdsplat.preview.web import messages as m
 from usdsplat.preview.web.commands import apply
 from usdsplat.preview.web.pages import Page, Pages
+from usdsplat.preview.web.questions import answer
+from usdsplat.preview.web.recording import Recording
 from usdsplat.preview.web.session_proxy import SessionProxy
 
 GLIDE = 0.25
@@ -72,6 +74,7 @@ class WebController:
         self._picture: Picture | None = None
         self._parameters: Any = []
         self._settings_told: tuple[Any, ...] = ()
+        self._recording: Recording | None = None
         self._problem = ""
         self._clock: asyncio.Task[None] | None = None
         self._first_camera, self._first_time = camera, time
@@ -99,9 +102,18 @@ class WebController:
         if page is self._pages.driver:
             self._viewer.resize(*page.size)
 
-    def pass_on(self) -> None:
-        """Fit the view to the page that drives now. When no page is left, playback and moves stop,
+    def leave(self, page: Page) -> None:
+        """Let another page drive when one is closed. When none is left, playback and moves stop,
         and a simulation goes on."""
+        was_driving = page is self._pages.driver
+        self._pages.leave(page)
+        if self._recording is not None and self._recording.page is page:
+            self._recording.cancel()
+        if was_driving:
+            self._pass_on()
+
+    def _pass_on(self) -> None:
+        """Fit the view to the page that drives now."""
         self._viewer.end_move()
         if self._pages.driver is None:
             self._viewer.play(False)
@@ -118,7 +130,12 @@ class WebController:
             page.size = message.width, message.height
         if isinstance(message, m.TakeOver):
             self._pages.take_over(page)
-            self.pass_on()
+            self._pass_on()
+        elif isinstance(message, m.Look):
+            self._check_rate()
+            answer(message, page, proxy=self._proxy, viewer=self._viewer)
+        elif isinstance(message, m.Record | m.EndRecord) and page is self._pages.driver:
+            self._record(page, is_on=isinstance(message, m.Record))
         elif page is self._pages.driver:
             self.do(message)
         elif not isinstance(message, m.Resize):
@@ -128,6 +145,8 @@ class WebController:
         """Stop listening and ticking."""
         if self._clock is not None:
             self._clock.cancel()
+        if self._recording is not None:
+            self._recording.close()
         self._proxy.close()
 
     def do(self, message: m.Message) -> None:
@@ -146,9 +165,20 @@ class WebController:
 
     # --- what needs the stage --------------------------------------------------------------
 
-    def _ask_for(self, message: m.Message) -> None:
+    def _check_rate(self) -> None:
         if self._proxy.is_overrun:
             raise UsageError("message", "too many open requests", "fewer at a time")
+
+    def _record(self, page: Page, *, is_on: bool) -> None:
+        """Record the timeline's range for a page, or stop that."""
+        if self._recording is not None and not self._recording.is_over:
+            self._recording.cancel()
+        elif is_on:
+            viewer = self._viewer
+            self._recording = Recording(viewer.state, viewer.timeline, page=page, proxy=self._proxy)
+
+    def _ask_for(self, message: m.Message) -> None:
+        self._check_rate()
         match message:
             case m.Frame(everything=everything):
                 self._viewer.frame(() if everything else self._viewer.state.selected)
@@ -162,6 +192,8 @@ class WebController:
                 self._proxy.ask(lambda document: _simulate(document, action))
             case m.SetParameter():
                 self._set_parameter(message)
+            case m.SetVisible(path=path, is_visible=is_visible):
+                self._proxy.ask(lambda document: document.edits.set_visible(path, is_visible))
             case m.Undo():
                 self._edit(lambda document: document.edits.undo(), "Undid")
             case m.Redo():
@@ -230,6 +262,7 @@ class WebController:
                 self._proxy.ask(_status, self._heard)
             case StageChanged():
                 self._viewer.stage_changed(event)
+                self._tell("stage_changed", None)
                 self._ask_parameters()
             case SimulationStatus():
                 self._status = event
@@ -269,6 +302,8 @@ class WebController:
             if said != self._opened:
                 self._opened = said
                 self._tell_opened()
+        look = state.other
+        other = None if look is None else {"aov": look.aov, "time": look.time}
         self._keep(
             "state",
             {
@@ -283,6 +318,9 @@ class WebController:
                 "step": timeline.step,
                 "loops": timeline.loops,
                 "is_playing": timeline.is_playing,
+                "other": other,
+                "wipe": state.wipe,
+                "bookmarks": [each.name for each in viewer.bookmarks],
             },
         )
         settings = (state.look.settings, state.display)

@@ -11,7 +11,10 @@ from typing import Any
 
 from usdsplat.preview.values import Picture
 from usdsplat.preview.web.messages import written
-from usdsplat.preview.web.stream import Order, PictureStream
+from usdsplat.preview.web.stream import Download, Order, PictureStream
+
+MOST_NEWS = 200
+"""Most messages that wait; of more, which only a page that reads nothing has, the oldest go."""
 
 
 class Outbox:
@@ -23,9 +26,11 @@ class Outbox:
         self._known: dict[str, str] = {}
         self._changed = asyncio.Event()
 
-    def tell(self, kind: str, content: Any) -> None:
-        """Queue a message, replacing an unsent one of the same kind."""
-        self._news[kind] = written(kind, content)
+    def tell(self, kind: str, content: Any, *, subject: str = "") -> None:
+        """Queue a message, replacing an unsent one of the same kind and subject."""
+        self._news[f"{kind} {subject}"] = written(kind, content)
+        while len(self._news) > MOST_NEWS:
+            del self._news[next(iter(self._news))]
         self._changed.set()
 
     def keep(self, kind: str, content: Any) -> None:
@@ -33,8 +38,13 @@ class Outbox:
         every move of the pointer."""
         text = written(kind, content)
         if self._known.get(kind) != text:
-            self._known[kind] = self._news[kind] = text
+            self._known[kind] = self._news[f"{kind} "] = text
             self._changed.set()
+
+    def send(self, download: Download) -> None:
+        """Queue a file that the page saves."""
+        self.stream.send(download)
+        self._changed.set()
 
     def show(self, picture: Picture) -> None:
         """Queue a picture, replacing one that was not sent."""
@@ -53,7 +63,9 @@ class Outbox:
             self._changed.clear()
             news, self._news = tuple(self._news.values()), {}
             now = asyncio.get_running_loop().time()
-            found = self.stream.next(now) or self.stream.order()
+            found = (
+                self.stream.next(now) or self.stream.order() or self.stream.next_of_download(now)
+            )
             if news or found is not None:
                 return news, found
             await self._changed.wait()

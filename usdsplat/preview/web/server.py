@@ -141,10 +141,7 @@ class Server:
             pass
         finally:
             writing.cancel()
-            was_driving = page is self._pages.driver
-            self._pages.leave(page)
-            if was_driving:
-                controller.pass_on()
+            controller.leave(page)
 
     def _hear(self, page: Page, data: str | bytes, controller: WebController) -> None:
         """Handle one message. On any error, the page gets a sentence and the terminal no

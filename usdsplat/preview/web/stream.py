@@ -15,6 +15,7 @@ are always sent completely, so there is progress however fast new pictures come.
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass
 
 from usdsplat.preview.values import Picture
@@ -34,7 +35,19 @@ PART = 0.1
 """Time that a part of a picture takes [s]."""
 LEAST_PART = 8_000
 """Smallest part [byte]."""
+MOST_DOWNLOADS = 4
+"""Most files that wait."""
 _EXACT_SIZE = 1.2  # bytes per pixel of an exact picture before the first one
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Download:
+    """A file that the page saves."""
+
+    name: str
+    encoding: str
+    """Its media type."""
+    data: bytes
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -65,6 +78,8 @@ class PictureStream:
         """Stages of the newest picture that were sent."""
         self._current: tuple[Encoded, Stage] | None = None
         self._part, self._parts = 0, 0
+        self._downloads: deque[Download] = deque()
+        self._sent_of_download = 0
         self._detail = 1.0
         self._exact_size = _EXACT_SIZE
 
@@ -112,6 +127,32 @@ class PictureStream:
         if self._part == self._parts:
             self._current = None
         return data
+
+    def send(self, download: Download) -> None:
+        """Send a file; of too many, the oldest that waits is dropped."""
+        if len(self._downloads) == MOST_DOWNLOADS:
+            del self._downloads[1]
+        self._downloads.append(download)
+
+    def next_of_download(self, now: float) -> bytes | None:
+        """Return a part of a file, which pictures precede; None as for `next`."""
+        if not self._downloads or self._current is not None or not self.link.has_room():
+            return None
+        file = self._downloads[0]
+        first = self._sent_of_download
+        last = first + int(max(LEAST_PART, PART * (self.link.bandwidth or 0.0)))
+        head = {
+            "file": file.name,
+            "encoding": file.encoding,
+            "is_first": first == 0,
+            "is_last": last >= len(file.data),
+            "size": len(file.data),
+            "message": self.link.sent(min(last, len(file.data)) - first, now),
+        }
+        if last >= len(file.data):
+            self._downloads.popleft()
+        self._sent_of_download = 0 if last >= len(file.data) else last
+        return frames.packed(head, file.data[first:last])
 
     def acknowledged(self, number: int, now: float) -> None:
         """Record that a message arrived."""

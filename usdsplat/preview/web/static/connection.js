@@ -12,6 +12,7 @@ export class Connection {
   /**
    * @param {{open: () => object, message: (type: string, content: any) => void,
    *          frame: (header: object, image: Blob) => Promise<void>,
+   *          file: (name: string, content: Blob) => void,
    *          state: (isOpen: boolean) => void}} listener `open` gives the size to say hello with.
    */
   constructor(listener) {
@@ -19,6 +20,7 @@ export class Connection {
     this.page = pageName();
     this.tries = 0;
     this.parts = null;
+    this.pieces = [];
     this.shown = Promise.resolve();
     this.connect();
   }
@@ -57,6 +59,10 @@ export class Connection {
     }
     const length = new DataView(data).getUint32(0);
     const header = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 4, length)));
+    if (header.file) {
+      this.receiveFile(header, new Uint8Array(data, 4 + length));
+      return;
+    }
     const acknowledge = () => this.send("acknowledge", { message: header.message });
     if (header.part === 0) this.parts = { header, pieces: [] }; // a newer picture ends one that is not complete
     this.parts.pieces.push(new Uint8Array(data, 4 + length));
@@ -68,6 +74,15 @@ export class Connection {
     const image = new Blob(pieces, { type: about.encoding });
     // one after the other: images are decoded in other threads, and a small one would overtake
     this.shown = this.shown.then(() => this.listener.frame(about, image)).finally(acknowledge).catch(report);
+  }
+
+  receiveFile(header, piece) {
+    if (header.is_first) this.pieces = [];
+    this.pieces.push(piece);
+    this.send("acknowledge", { message: header.message });
+    if (!header.is_last) return;
+    this.listener.file(header.file, new Blob(this.pieces, { type: header.encoding }));
+    this.pieces = [];
   }
 }
 

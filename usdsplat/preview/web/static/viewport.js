@@ -24,6 +24,8 @@ export class Viewport {
     this.pending = new Map();
     this.size = this.measured();
     this.times = [];
+    /** Called with the place of a pointer over the picture, and of a tap. */
+    this.hovered = () => {};
     new ResizeObserver(() => this.resized()).observe(element);
     this.listen();
   }
@@ -140,7 +142,10 @@ export class Viewport {
 
   moved(event) {
     const last = this.pointers.get(event.pointerId);
-    if (!last) return;
+    if (!last) {
+      this.hovered(this.place(event));
+      return;
+    }
     if (this.pointers.size === 2) {
       this.pinched(event, last);
     } else if (this.pointers.size === 1) {
@@ -167,6 +172,7 @@ export class Viewport {
     if (!this.pointers.delete(event.pointerId) || this.pointers.size) return;
     if (this.hasMoved) this.rest();
     else if (event.type === "pointerup" && event.button === 0 && !event.altKey) {
+      if (this.isTouch) this.hovered(this.place(event));
       this.send("pick", { ...this.place(event), is_framed: this.isTouch && this.isSecondTap(event) });
     }
   }
