@@ -24,22 +24,20 @@ def test_the_page_and_its_files_come_with_their_types_and_headers(host: Host) ->
     status, headers, body = host.get(host.path)
     assert status == 200 and headers["content-type"] == "text/html; charset=utf-8"
     assert body.startswith(b"<!doctype html>") and len(body) == int(headers["content-length"])
-    for name in ("main.js", "style.css"):
+    for name, kind in (("", "text/html"), ("icon.svg", "image/svg+xml")):
         status, headers, _ = host.get(host.path + name)
         assert status == 200
-        assert headers["content-type"].split(";")[0] in ("text/javascript", "text/css")
+        assert headers["content-type"].split(";")[0] == kind
         assert headers["x-content-type-options"] == "nosniff"
         assert headers["cache-control"] == "no-store"
         assert headers["referrer-policy"] == "no-referrer"
-        assert "script-src 'self'" in headers["content-security-policy"]
+        assert "default-src 'none'" in headers["content-security-policy"]
 
 
 def test_files_are_compressed_for_those_who_accept_it(host: Host) -> None:
     """Oracle: gzip's own reader, and RFC 9110: Content-Length is that of what is sent."""
-    _, _, plain = host.get(host.path + "style.css")
-    _, headers, packed = host.get(
-        host.path + "style.css", headers={"Accept-Encoding": "gzip, deflate, br"}
-    )
+    _, _, plain = host.get(host.path)
+    _, headers, packed = host.get(host.path, headers={"Accept-Encoding": "gzip, deflate, br"})
     assert headers["content-encoding"] == "gzip"
     assert int(headers["content-length"]) == len(packed) < 0.5 * len(plain)
     assert gzip.decompress(packed) == plain

@@ -30,7 +30,7 @@ from usdsplat.preview.session import Session
 from usdsplat.preview.web.compression import TextDeflateFactory
 from usdsplat.preview.web.controller import WebController
 from usdsplat.preview.web.files import File, files
-from usdsplat.preview.web.guard import HEADERS, SOCKET, Guard, Refusal, is_loopback, spoken
+from usdsplat.preview.web.guard import SOCKET, Guard, Refusal, is_loopback, spoken
 from usdsplat.preview.web.messages import MAX_BYTES, Acknowledge, Hello, read
 from usdsplat.preview.web.pages import Page, Pages
 from usdsplat.preview.web.stream import Order
@@ -237,7 +237,7 @@ def _response(status: HTTPStatus, file: File, *, is_packed: bool = False) -> Res
             ("Connection", "close"),
             ("Content-Length", str(len(body))),
             ("Content-Type", file.content_type),
-            *HEADERS,
+            *file.headers,
         ]
     )
     if is_packed:

@@ -25,7 +25,7 @@ from usdsplat.preview.web.link import Link
 
 RATE = 10.0
 """Quick pictures per second that fit the link."""
-FIRST = 10_000
+FIRST = 8_000
 """Bytes of a quick picture while the bandwidth is not known."""
 LEAST = 1_500
 """Smallest budget of a quick picture [byte]."""
