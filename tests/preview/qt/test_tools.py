@@ -81,7 +81,8 @@ def test_numbers_are_views_from_the_sides(workspace: Workspace, key: str, out: t
 
 
 def test_a_click_with_shift_adds_to_the_selection_and_takes_out(workspace: Workspace) -> None:
-    """Oracle: what a click alone selects at the same places."""
+    """Oracle: what a click alone selects at the same places; the tree shows the same rows, and does
+    not take any away once the window rests."""
     picture = settled(workspace)
     workspace.viewport.set_mode(None)  # its handles would take clicks
     height, width = picture.image.shape[:2]
@@ -102,14 +103,21 @@ def test_a_click_with_shift_adds_to_the_selection_and_takes_out(workspace: Works
         if len(found) > 1:
             break
     (one, here), (two, there) = list(found.items())[:2]
-    shift = Qt.KeyboardModifier.ShiftModifier
+    shift, alone = Qt.KeyboardModifier.ShiftModifier, Qt.KeyboardModifier.NoModifier
     viewer.select(())
-    QTest.mouseClick(workspace.viewport, LEFT, pos=here)
-    wait_until(lambda: viewer.state.selected == (one,))
-    QTest.mouseClick(workspace.viewport, LEFT, shift, pos=there)
-    wait_until(lambda: viewer.state.selected == (one, two))
-    QTest.mouseClick(workspace.viewport, LEFT, shift, pos=here)
-    wait_until(lambda: viewer.state.selected == (two,))
+    steps = [(alone, here, (one,)), (shift, there, (one, two)), (shift, here, (two,))]
+    for modifier, place, expected in steps:
+        QTest.mouseClick(workspace.viewport, LEFT, modifier, pos=place)
+        wait_until(lambda expected=expected: viewer.state.selected == expected)
+        wait_until(lambda expected=expected: _in_tree(workspace) == set(expected))
+        settled(workspace)
+        assert viewer.state.selected == expected
+
+
+def _in_tree(workspace: Workspace) -> set[str]:
+    """The paths of the selected rows of the tree of prims."""
+    rows = map(workspace.tree.model.row_of, workspace.tree.view.selectionModel().selectedRows())
+    return {row.path for row in rows if row}
 
 
 def test_a_view_is_chosen_from_a_menu_and_is_seen(workspace: Workspace) -> None:
