@@ -218,6 +218,24 @@ def test_a_page_that_watches_may_look_and_change_nothing(host: Host) -> None:
         assert first.last("state")["bookmarks"] == []
 
 
+def test_one_recording_runs_at_a_time_and_ends_with_its_page(host: Host) -> None:
+    """Oracle: the fake document's ten frames; another page is told whose recording runs."""
+    with host.page(name="first") as first, host.page(name="second") as second:
+        first.final()
+        host.session.ask(lambda document: host.document.may_go_on.wait(PATIENCE))
+        first.say("record")
+        assert first.hear("recording") == "0 of 10"
+        first.say("record")
+        assert "one of viewer 1" in first.hear("problem")
+        second.say("take_over", width=64, height=48)
+        second.say("end_record")
+        second.say("record")
+        assert "one of viewer 1" in second.hear("problem")
+        first.say("end_record")
+        host.document.may_go_on.set()
+        assert first.hear("recording") == ""
+
+
 def test_comparisons_and_bookmarks_are_kept(host: Host) -> None:
     """Oracle: the state that the document was asked to draw, and that the page is told."""
     with host.page() as page:

@@ -134,8 +134,9 @@ class WebController:
         elif isinstance(message, m.Look):
             self._check_rate()
             answer(message, page, proxy=self._proxy, viewer=self._viewer)
-        elif isinstance(message, m.Record | m.EndRecord) and page is self._pages.driver:
-            self._record(page, is_on=isinstance(message, m.Record))
+        elif isinstance(message, m.EndRecord):
+            if self._recording is not None and self._recording.page is page:
+                self._recording.cancel()
         elif page is self._pages.driver:
             self.do(message)
         elif not isinstance(message, m.Resize):
@@ -169,13 +170,15 @@ class WebController:
         if self._proxy.is_overrun:
             raise UsageError("message", "too many open requests", "fewer at a time")
 
-    def _record(self, page: Page, *, is_on: bool) -> None:
-        """Record the timeline's range for a page, or stop that."""
-        if self._recording is not None and not self._recording.is_over:
-            self._recording.cancel()
-        elif is_on:
-            viewer = self._viewer
-            self._recording = Recording(viewer.state, viewer.timeline, page=page, proxy=self._proxy)
+    def _record(self) -> None:
+        """Record the timeline's range for the page that drives."""
+        running, driver, viewer = self._recording, self._pages.driver, self._viewer
+        if running is not None and not running.is_over:
+            raise UsageError("recording", f"one of viewer {running.page.number}", "its end first")
+        if driver is not None:
+            self._recording = Recording(
+                viewer.state, viewer.timeline, page=driver, proxy=self._proxy
+            )
 
     def _ask_for(self, message: m.Message) -> None:
         self._check_rate()
@@ -198,6 +201,8 @@ class WebController:
                 self._edit(lambda document: document.edits.undo(), "Undid")
             case m.Redo():
                 self._edit(lambda document: document.edits.redo(), "Did again")
+            case m.Record():
+                self._record()
             case m.Reload():
                 self._proxy.ask(
                     opening.reload,

@@ -14,7 +14,7 @@ export class Probe {
 
   /** Ask for the values of a place, after the current answer. */
   follow(place) {
-    if (!this.panel.open || !this.panel.checkVisibility()) return;
+    if (!isSeen(this.panel)) return;
     this.next = place;
     this.ask();
   }
@@ -60,7 +60,7 @@ export class Histogram {
   }
 
   refresh() {
-    if (this.panel.open && this.panel.checkVisibility()) this.send("count");
+    if (isSeen(this.panel)) this.send("count");
   }
 
   /** Draw the counts; the first and the last may be clipped, so that the others can be seen. */
@@ -84,4 +84,9 @@ export class Histogram {
     context.globalAlpha = 1;
     this.canvas.dataset.pixels = counts.pixels;
   }
+}
+
+/** Whether a panel is open, and the panels are shown. */
+function isSeen(panel) {
+  return panel.open && panel.offsetParent !== null;
 }
