@@ -76,7 +76,7 @@ def test_the_last_rung_is_sent_whatever_it_needs() -> None:
     """Oracle: the size of an encoded pixel of the last rung."""
     found = quick(scenery(is_final=False), 10)
     assert found.header["scale"] == pytest.approx(RUNGS[-1].scale, rel=0.02)
-    assert opened(found).size == (80, 53)
+    assert opened(found).size == (60, 40)
 
 
 def test_the_parts_of_a_picture_are_its_image() -> None:

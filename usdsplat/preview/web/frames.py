@@ -51,6 +51,7 @@ RUNGS = (
     Rung(scale=3.0, quality=45, size=0.06),
     Rung(scale=4.0, quality=40, size=0.055),
     Rung(scale=6.0, quality=30, size=0.048),
+    Rung(scale=8.0, quality=25, size=0.045),
 )
 """Qualities of moving pictures, the best first."""
 
