@@ -12,6 +12,7 @@ from websockets.sync.client import connect
 
 from tests.preview.web.wire import PATIENCE, Host, Page
 from usdsplat.preview.web.link import MOST_UNDER_WAY
+from usdsplat.preview.web.questions import MOST_ROWS
 from usdsplat.preview.web.server import MOST_PAGES, serve
 from usdsplat.preview.web.session_proxy import MOST
 
@@ -216,6 +217,26 @@ def test_a_page_that_watches_may_look_and_change_nothing(host: Host) -> None:
         state = host.document.states[-1]
         assert state.other is None and state.selected == ()
         assert first.last("state")["bookmarks"] == []
+
+
+def test_many_children_come_in_pages(host: Host) -> None:
+    """Oracle: the names, in stage order; the page asks from where the last answer ended."""
+    with host.page() as page:
+        page.final()
+        names = [f"P{number}" for number in range(2 * MOST_ROWS + 5)]
+        host.session.ask(
+            lambda document: [document.stage.DefinePrim(f"/{name}", "Scope") for name in names]
+        )
+        found: list[str] = []
+        has_more = True
+        while has_more:
+            page.say("list_prims", path="/", first=len(found))
+            told = page.hear("prims")
+            assert told["first"] == len(found) and len(told["rows"]) <= MOST_ROWS
+            found += [each["name"] for each in told["rows"]]
+            has_more = told["has_more"]
+        assert found == names
+        assert told["rows"][0]["type"] == "Scope" and not told["rows"][0]["has_children"]
 
 
 def test_one_recording_runs_at_a_time_and_ends_with_its_page(host: Host) -> None:
