@@ -11,6 +11,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
 from tests.preview.web.wire import PATIENCE, Host, Page
+from usdsplat.preview.values import StageChanged
 from usdsplat.preview.web.link import MOST_UNDER_WAY
 from usdsplat.preview.web.questions import MOST_ROWS
 from usdsplat.preview.web.server import MOST_PAGES, serve
@@ -151,6 +152,44 @@ def test_a_flood_of_questions_is_bounded(host: Host) -> None:
         page.say("set_time", time=9)
         while page.final()["time"] != 9:
             pass
+
+
+def test_questions_of_a_page_that_watches_stop_no_action_of_the_driver(host: Host) -> None:
+    """Oracle: each page's own count; the driver's pick is answered, and so is every question of
+    the other, of which too many get an empty answer."""
+    with host.page(name="first") as first, host.page(name="second") as second:
+        first.final()
+        host.session.ask(lambda document: host.document.may_go_on.wait(PATIENCE))
+        for number in range(2 * MOST):
+            second.say("list_prims", path=f"/P{number}")
+        assert "fewer at a time" in second.hear("problem")
+        second.say("probe", x=1, y=1)
+        assert second.hear("probed") is None
+        first.say("pick", x=1, y=1)
+        first.say("add_bookmark", name="here")
+        while first.hear("state")["bookmarks"] != ["here"]:
+            pass
+        host.document.may_go_on.set()
+        assert first.hear("picked") is None
+        assert "problem" not in {kind for kind, _ in first.heard}
+        second.say("list_prims", path="/")
+        while second.hear("prims")["path"] != "/":
+            pass
+
+
+def test_only_changes_that_a_list_of_prims_shows_are_told(host: Host) -> None:
+    """Oracle: what `StageChanged` says; a slider changes values many times a second."""
+    with host.page() as page:
+        page.final()
+        for structure, visibility, time in ((False, False, 2), (True, False, 3), (False, True, 4)):
+            change = StageChanged(structure=structure, visibility=visibility)
+            host.session.ask(lambda document, change=change: document.publish(change))
+            page.say("set_time", time=time)
+            page.heard.clear()
+            while page.final()["time"] != time:
+                pass
+            told = [kind for kind, _ in page.heard if kind == "stage_changed"]
+            assert len(told) == (structure or visibility)
 
 
 def test_of_questions_about_one_thing_the_last_is_answered(host: Host) -> None:

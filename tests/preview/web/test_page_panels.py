@@ -17,6 +17,7 @@ from usdsplat.preview.document import Document
 from usdsplat.preview.histogram import histogram
 from usdsplat.preview.probe import probe
 from usdsplat.preview.saving import save_view
+from usdsplat.preview.web.questions import MOST_ROWS
 
 LAST = 3.0
 """Frames of the stage's range."""
@@ -114,6 +115,29 @@ def test_a_prim_is_hidden_and_the_hiding_undone(seat: Seat) -> None:
     assert np.array_equal(seat.canvas()[1], before)
 
 
+def test_what_more_has_loaded_stays_after_a_change(seat: Seat) -> None:
+    """Oracle: the names in stage order; prims that are gone are gone from the list."""
+    page, count = seat.page, MOST_ROWS + 5
+    many = [f"/Many/P{number}" for number in range(count)]
+    answer(seat, lambda document: [document.stage.DefinePrim(each) for each in many])
+    page.get_by_role("button", name="Children of Many").click()
+    page.get_by_role("button", name="More…").click()
+    last = page.get_by_role("button", name=f"P{count - 1}", exact=True)
+    last.wait_for()
+    answer(seat, lambda document: document.stage.DefinePrim("/Many/Last", "Scope"))
+    page.get_by_role("button", name="Last", exact=True).wait_for()
+    expected = [each.rpartition("/")[2] for each in (*many, "/Many/Last")]
+    assert [each for each in names(seat) if each in expected] == expected
+    answer(seat, lambda document: [document.stage.RemovePrim(each) for each in many[3:]])
+    last.wait_for(state="detached")
+    expected = [*expected[:3], "Last"]
+    page.wait_for_function("() => document.querySelector('.more-prims') === null")
+    assert [each for each in names(seat) if each.startswith(("P", "Last"))] == expected
+    answer(seat, lambda document: document.stage.RemovePrim("/Many"))
+    page.get_by_role("button", name="Children of Many").wait_for(state="detached")
+    seat.rested()
+
+
 def test_a_wipe_compares_two_aovs(seat: Seat) -> None:
     """Oracle: the state; left of the wipe the first picture, right of it that of the AOV alone."""
     page = seat.page
@@ -178,6 +202,38 @@ def test_the_probe_follows_the_pointer(seat: Seat) -> None:
     assert expected.path in seat.page.locator("#probed").inner_text()
     colour = seat.page.locator("#swatch").evaluate("each => getComputedStyle(each).backgroundColor")
     assert colour == "rgb({}, {}, {})".format(*(round(255 * each) for each in expected.shown))
+
+
+def test_the_probe_and_the_wipe_of_a_page_of_another_shape_follow_the_picture(seat: Seat) -> None:
+    """Oracle: CSS's object-fit: contain; `probe` of the pixel of the driver's viewport."""
+    number = seat.rested()
+    x, y = colourful(seat)
+    height, width = seat.canvas()[1].shape[:2]
+    second = seat.sit(prepare=lambda page: page.set_viewport_size({"width": 1000, "height": 400}))
+    try:
+        second.locator("#probe-panel").evaluate("each => { each.open = true; }")
+        second.wait_for_function(
+            f"() => document.getElementById('picture').width === {width}"
+            " && document.getElementById('picture').dataset.final === 'true'"
+        )
+        box = second.locator("#viewport").bounding_box()
+        factor = box["height"] / height
+        bar = (box["width"] - factor * width) / 2
+        assert bar > 50
+        second.mouse.move(
+            box["x"] + bar + factor * (x + 0.5), box["y"] + factor * (y + 0.5), steps=2
+        )
+        second.locator("#probed").get_by_text(f"{x}, {y}", exact=True).wait_for()
+        expected = answer(seat, lambda document: probe(document, x, y))
+        assert expected.path in second.locator("#probed").inner_text()
+        seat.page.get_by_label("A | B with a wipe").check()
+        second.wait_for_function("() => !document.getElementById('wipe').hidden")
+        left = second.locator("#wipe").evaluate("each => parseFloat(each.style.left)")
+        assert left == pytest.approx(bar + seat.session._state.wipe * factor * width, abs=1.0)
+    finally:
+        second.close()
+    seat.page.get_by_label("A | B with a wipe").uncheck()
+    seat.rested(number, accept=lambda picture: picture.state.other is None)
 
 
 def test_the_histogram_is_that_of_the_picture(seat: Seat) -> None:

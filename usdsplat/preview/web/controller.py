@@ -35,7 +35,7 @@ from usdsplat.preview.viewer import Viewer
 from usdsplat.preview.web import messages as m
 from usdsplat.preview.web.commands import apply
 from usdsplat.preview.web.pages import Page, Pages
-from usdsplat.preview.web.questions import answer
+from usdsplat.preview.web.questions import answer, overrun
 from usdsplat.preview.web.recording import Recording
 from usdsplat.preview.web.session_proxy import SessionProxy
 
@@ -132,7 +132,6 @@ class WebController:
             self._pages.take_over(page)
             self._pass_on()
         elif isinstance(message, m.Look):
-            self._check_rate()
             answer(message, page, proxy=self._proxy, viewer=self._viewer)
         elif isinstance(message, m.EndRecord):
             if self._recording is not None and self._recording.page is page:
@@ -167,8 +166,8 @@ class WebController:
     # --- what needs the stage --------------------------------------------------------------
 
     def _check_rate(self) -> None:
-        if self._proxy.is_overrun:
-            raise UsageError("message", "too many open requests", "fewer at a time")
+        if self._proxy.is_overrun():
+            raise overrun()
 
     def _record(self) -> None:
         """Record the timeline's range for the page that drives."""
@@ -267,7 +266,8 @@ class WebController:
                 self._proxy.ask(_status, self._heard)
             case StageChanged():
                 self._viewer.stage_changed(event)
-                self._tell("stage_changed", None)
+                if event.structure or event.visibility:
+                    self._tell("stage_changed", None)
                 self._ask_parameters()
             case SimulationStatus():
                 self._status = event

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from usdsplat.core.errors import UsdSplatError
+from usdsplat.core.errors import UsageError, UsdSplatError
 from usdsplat.core.scratch import scratch_folder
 from usdsplat.preview.document import Document
 from usdsplat.preview.histogram import histogram
@@ -26,21 +26,29 @@ MOST_ROWS = 200
 
 
 def answer(message: m.Look, page: Page, *, proxy: SessionProxy, viewer: Viewer) -> None:
-    """Answer a page's question. Of questions about pixels, prims and counts the latest matters."""
+    """Answer a page's question. Of questions about the same thing the latest matters.
+
+    Pages wait for answers about pixels, prims and counts, so these come in any case.
+    """
     time = viewer.state.time
 
     def refuse(error: UsdSplatError) -> None:
-        page.outbox.tell("problem", str(error))
+        _refuse(message, page, error)
 
     def tell(kind: str, content: Any, subject: str = "") -> None:
         page.outbox.tell(kind, content, subject=subject)
 
+    if proxy.is_overrun(page):
+        refuse(overrun())
+        return
     match message:
         case m.ListPrims(path=path, first=first):
             proxy.ask(
                 lambda document: _rows(document, path, first, time),
                 lambda content: tell("prims", content, f"{path} {first}"),
                 refuse,
+                key=f"prims {page.number} {path} {first}",
+                asker=page,
             )
         case m.SearchPrims(text=text):
             proxy.ask(
@@ -48,20 +56,23 @@ def answer(message: m.Look, page: Page, *, proxy: SessionProxy, viewer: Viewer) 
                 lambda paths: tell("found", {"text": text, "paths": paths}),
                 refuse,
                 key=f"search {page.number}",
+                asker=page,
             )
         case m.Probe(x=x, y=y):
             proxy.ask(
                 lambda document: as_json(probe(document, x, y)),
                 lambda probed: tell("probed", probed),
-                lambda error: tell("probed", None),
+                refuse,
                 key=f"probe {page.number}",
+                asker=page,
             )
         case m.Count():
             proxy.ask(
                 lambda document: as_json(histogram(document)),
                 lambda counts: tell("histogram", counts),
-                lambda error: tell("histogram", None),
+                refuse,
                 key=f"count {page.number}",
+                asker=page,
             )
         case m.Screenshot():
             state = viewer.state
@@ -70,7 +81,28 @@ def answer(message: m.Look, page: Page, *, proxy: SessionProxy, viewer: Viewer) 
                 page.outbox.send,
                 refuse,
                 key=f"screenshot {page.number}",
+                asker=page,
             )
+
+
+def overrun() -> UsageError:
+    """Return the error of too many requests."""
+    return UsageError("message", "too many open requests", "fewer at a time")
+
+
+def _refuse(message: m.Look, page: Page, error: UsdSplatError) -> None:
+    """Answer that there is no answer; about pixels and counts without a sentence."""
+    match message:
+        case m.Probe():
+            page.outbox.tell("probed", None)
+        case m.Count():
+            page.outbox.tell("histogram", None)
+        case m.ListPrims(path=path, first=first):
+            nothing = {"path": path, "first": first, "rows": None, "has_more": False}
+            page.outbox.tell("prims", nothing, subject=f"{path} {first}")
+            page.outbox.tell("problem", str(error))
+        case _:
+            page.outbox.tell("problem", str(error))
 
 
 def _rows(document: Document, path: str, first: int, time: float | None) -> Any:

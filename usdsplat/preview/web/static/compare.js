@@ -3,14 +3,16 @@
 import { made } from "./knobs.js";
 
 const at = (id) => document.getElementById(id);
-const STEP = 0.02; // of a key, as a fraction of the width
+const STEP = 0.02; // of a key, as a fraction of the picture's width
 
 export class Compare {
-  /** @param {(type: string, members?: object) => void} send */
+  /** @param {import("./viewport.js").Viewport} viewport
+   *  @param {(type: string, members?: object) => void} send */
   constructor(viewport, send) {
     Object.assign(this, { viewport, send });
     this.other = null;
     this.part = 0.5;
+    viewport.placed = () => this.place();
     at("compare-on").addEventListener("change", () => this.turn());
     at("compare-aov").addEventListener("change", () => this.turn());
     at("compare-time").addEventListener("change", () => this.turn());
@@ -19,8 +21,9 @@ export class Compare {
     wipe.addEventListener("pointerdown", (event) => wipe.setPointerCapture(event.pointerId));
     wipe.addEventListener("pointermove", (event) => {
       if (!wipe.hasPointerCapture(event.pointerId)) return;
-      const box = viewport.getBoundingClientRect();
-      this.move((event.clientX - box.left) / box.width);
+      const box = viewport.element.getBoundingClientRect();
+      const { left, width } = viewport.content;
+      this.move((event.clientX - box.left - left) / width);
     });
     wipe.addEventListener("keydown", (event) => {
       const way = { ArrowLeft: -STEP, ArrowRight: STEP }[event.code];
@@ -60,7 +63,8 @@ export class Compare {
   }
 
   place() {
-    at("wipe").style.left = `${100 * this.part}%`;
+    const { left, width } = this.viewport.content;
+    at("wipe").style.left = `${left + this.part * width}px`;
     at("wipe").ariaValueNow = String(Math.round(100 * this.part));
   }
 

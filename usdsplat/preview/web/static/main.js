@@ -19,7 +19,7 @@ const send = (type, members) => connection.send(type, members);
 showPanels(!SMALL.matches); // before the viewport is measured
 const viewport = new Viewport(at("viewport"), at("picture"), send);
 const timeline = new Timeline(send);
-const compare = new Compare(at("viewport"), send);
+const compare = new Compare(viewport, send);
 const prims = new Prims(at("prims"), at("prims-search"), send);
 const probe = new Probe(at("probe-panel"), at("swatch"), at("probed"), send);
 const histogram = new Histogram(at("histogram-panel"), at("histogram"), send);
@@ -123,6 +123,7 @@ const connection = new Connection({
     at("connection").textContent = "Connection lost. Trying again…";
     document.body.dataset.connected = isOpen;
     probe.forget();
+    prims.forget();
     openedName = null;
   },
 });

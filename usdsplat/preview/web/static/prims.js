@@ -12,6 +12,8 @@ export class Prims {
     this.send = send;
     this.rows = new Map(); // path -> {element, list, isOpen}
     this.selected = new Set();
+    this.wanted = new Map(); // what to ask for, one after the other
+    this.isAsking = false;
     field.addEventListener("input", () => {
       clearTimeout(this.waiting);
       this.waiting = setTimeout(() => this.search(), PAUSE);
@@ -25,13 +27,37 @@ export class Prims {
     this.rows.set("/", { list: this.tree, isOpen: true });
     this.tree.replaceChildren();
     this.field.value = "";
-    this.send("list_prims", { path: "/" });
+    this.wanted.clear();
+    this.ask("/");
+  }
+
+  /** Forget questions that a lost connection took with it. */
+  forget() {
+    this.wanted.clear();
+    this.isAsking = false;
+  }
+
+  ask(path, first = 0) {
+    this.wanted.set(`${path} ${first}`, { path, first });
+    this.askNext();
+  }
+
+  askNext() {
+    const [key, question] = this.wanted.entries().next().value ?? [];
+    if (this.isAsking || !question) return;
+    this.wanted.delete(key);
+    if (!this.rows.get(question.path)?.isOpen) {
+      this.askNext();
+      return;
+    }
+    this.isAsking = true;
+    this.send("list_prims", question);
   }
 
   /** Read again what is open. */
   refresh() {
     if (this.field.value.trim()) return;
-    for (const [path, { isOpen }] of this.rows) if (isOpen) this.send("list_prims", { path });
+    for (const [path, { isOpen }] of this.rows) if (isOpen) this.ask(path);
   }
 
   search() {
@@ -40,21 +66,29 @@ export class Prims {
     else this.reset();
   }
 
-  show({ path, first, rows, has_more: hasMore }) {
+  show(answer) {
+    this.isAsking = false;
+    if (answer.rows) this.list(answer); // null: there is no such prim, or too much was asked
+    this.askNext();
+  }
+
+  list({ path, first, rows, has_more: hasMore }) {
     const parent = this.rows.get(path);
     if (!parent?.isOpen || this.field.value.trim()) return;
-    const items = rows.map((row) => this.item(row));
-    if (first === 0) parent.list.replaceChildren(...items);
-    else {
-      parent.list.lastElementChild?.remove(); // the button that asked for these
-      parent.list.append(...items);
-    }
+    const before = [...parent.list.children].filter((each) => each.className !== "more-prims");
+    const last = first + rows.length;
+    const rest = hasMore ? before.slice(last) : []; // what "More…" has loaded stays, and is asked for
+    parent.list.replaceChildren(...before.slice(0, first), ...rows.map((row) => this.item(row)), ...rest);
     if (hasMore) {
+      const count = parent.list.children.length;
       const more = made("button", { type: "button", textContent: "More…" });
-      more.addEventListener("click", () => this.send("list_prims", { path, first: first + rows.length }));
-      parent.list.append(made("li", { className: "more-prims" }));
-      parent.list.lastElementChild.append(more);
+      more.addEventListener("click", () => this.ask(path, count));
+      const item = made("li", { className: "more-prims" });
+      item.append(more);
+      parent.list.append(item);
     }
+    for (const [each, { element }] of this.rows) if (element && !element.isConnected) this.rows.delete(each);
+    if (rest.length) this.ask(path, last);
     this.mark();
   }
 
@@ -121,6 +155,6 @@ export class Prims {
     row.list.hidden = !row.isOpen;
     button.textContent = row.isOpen ? "▾" : "▸";
     button.ariaExpanded = String(row.isOpen);
-    if (row.isOpen) this.send("list_prims", { path });
+    if (row.isOpen) this.ask(path);
   }
 }

@@ -24,6 +24,9 @@ export class Viewport {
     this.pending = new Map();
     this.size = this.measured();
     this.times = [];
+    this.shown = null; // width and height of the shown picture's viewport, which is the driver's
+    /** Called when the picture's place in the element may have changed. */
+    this.placed = () => {};
     /** Called with the place of a pointer over the picture, and of a tap. */
     this.hovered = () => {};
     new ResizeObserver(() => this.resized()).observe(element);
@@ -41,6 +44,8 @@ export class Viewport {
     bitmap.close();
     this.canvas.dataset.number = header.number;
     this.canvas.dataset.final = header.is_final;
+    this.shown = header.viewport;
+    this.placed();
     const now = performance.now();
     this.times = [...this.times.filter((time) => now - time < 1000), now];
   }
@@ -63,6 +68,7 @@ export class Viewport {
   }
 
   resized() {
+    this.placed();
     const size = this.measured();
     if (size.width === this.size.width && size.height === this.size.height) return;
     this.size = size;
@@ -99,14 +105,37 @@ export class Viewport {
     this.move("dolly", { factor: Math.min(Math.max(Math.exp(amount), 0.05), 20) });
   }
 
-  /** Position of a pointer, in viewport pixels from the upper left. */
-  place(event) {
-    const box = this.element.getBoundingClientRect();
-    const clamp = (part, size) => Math.min(Math.max(part, 0), 1 - 1e-6) * size;
+  /** The rectangle of the picture in the element, which it fills in one direction [CSS pixel]. */
+  get content() {
+    const { clientWidth, clientHeight } = this.element;
+    const [width, height] = this.shown ?? [clientWidth, clientHeight];
+    const factor = Math.min(clientWidth / width, clientHeight / height);
     return {
-      x: clamp((event.clientX - box.left) / box.width, this.size.width),
-      y: clamp((event.clientY - box.top) / box.height, this.size.height),
+      left: (clientWidth - factor * width) / 2, top: (clientHeight - factor * height) / 2,
+      width: factor * width, height: factor * height,
     };
+  }
+
+  /** Position of a pointer in the shown picture, in pixels of its viewport from the upper left;
+   *  null beside it. */
+  place(event) {
+    if (!this.shown) return null;
+    const box = this.element.getBoundingClientRect();
+    const { left, top, width, height } = this.content;
+    const [x, y] = [event.clientX - box.left - left, event.clientY - box.top - top];
+    if (x < -CLICK || y < -CLICK || x > width + CLICK || y > height + CLICK) return null;
+    const clamp = (part, size) => Math.min(Math.max(part, 0), 1 - 1e-6) * size;
+    return { x: clamp(x / width, this.shown[0]), y: clamp(y / height, this.shown[1]) };
+  }
+
+  pick(event, members) {
+    const place = this.place(event);
+    if (place) this.send("pick", { ...place, ...members });
+  }
+
+  hover(event) {
+    const place = this.place(event);
+    if (place) this.hovered(place);
   }
 
   listen() {
@@ -117,7 +146,7 @@ export class Viewport {
     canvas.addEventListener("pointercancel", (event) => this.released(event));
     canvas.addEventListener("contextmenu", (event) => event.preventDefault());
     canvas.addEventListener("dblclick", (event) => {
-      if (!this.isTouch) this.send("pick", { ...this.place(event), is_target: true });
+      if (!this.isTouch) this.pick(event, { is_target: true });
     });
     canvas.addEventListener("wheel", (event) => this.wheeled(event), { passive: false });
     canvas.addEventListener("keydown", (event) => this.keyed(event));
@@ -143,7 +172,7 @@ export class Viewport {
   moved(event) {
     const last = this.pointers.get(event.pointerId);
     if (!last) {
-      this.hovered(this.place(event));
+      this.hover(event);
       return;
     }
     if (this.pointers.size === 2) {
@@ -172,8 +201,8 @@ export class Viewport {
     if (!this.pointers.delete(event.pointerId) || this.pointers.size) return;
     if (this.hasMoved) this.rest();
     else if (event.type === "pointerup" && event.button === 0 && !event.altKey) {
-      if (this.isTouch) this.hovered(this.place(event));
-      this.send("pick", { ...this.place(event), is_framed: this.isTouch && this.isSecondTap(event) });
+      if (this.isTouch) this.hover(event);
+      this.pick(event, { is_framed: this.isTouch && this.isSecondTap(event) });
     }
   }
 
