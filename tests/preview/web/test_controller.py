@@ -7,15 +7,11 @@ import threading
 from contextlib import ExitStack
 
 import pytest
-from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
 from tests.preview.web.wire import PATIENCE, Host, Page
 from usdsplat.preview.values import StageChanged
-from usdsplat.preview.web.link import MOST_UNDER_WAY
-from usdsplat.preview.web.questions import MOST_ROWS
-from usdsplat.preview.web.server import MOST_PAGES, serve
-from usdsplat.preview.web.session_proxy import MOST
+from usdsplat.preview.web.server import serve
 
 
 def test_a_page_is_told_everything_and_shown_a_picture(host: Host) -> None:
@@ -31,25 +27,6 @@ def test_a_page_is_told_everything_and_shown_a_picture(host: Host) -> None:
         names = {each["name"] for each in told["settings"]["render"]}
         assert "sh_degree" in names and not names & {"multipart", "node_wait"}
         assert (header["splats"], header["total"]) == (5, 7)
-
-
-def test_a_page_that_acknowledges_nothing_gets_few_frames(host: Host) -> None:
-    """Oracle: link.py's limit; it still gets news, and the last frame once it answers."""
-    with host.page() as page:
-        while page.next()[0] != "frame":
-            pass
-        for right in range(3 * MOST_UNDER_WAY):
-            page.say("orbit", right=0.01 * right)
-        page.say("end_move")
-        page.say("use_camera", path="/none")
-        while page.next()[0] != "problem":
-            pass
-        assert len(page.frames) <= MOST_UNDER_WAY
-        page.say("acknowledge", message=page.frames[0]["message"] + 1000)
-        for each in tuple(page.frames):
-            page.say("acknowledge", message=each["message"])
-        while page.final()["number"] != len(host.document.states):
-            pass
 
 
 def test_what_a_page_does_is_seen(host: Host) -> None:
@@ -115,68 +92,6 @@ def test_nothing_is_done_before_hello(host: Host) -> None:
         assert not page.frames
 
 
-def test_a_message_that_is_too_long_ends_the_connection(host: Host) -> None:
-    """Oracle: RFC 6455, close code 1009; the next page is served."""
-    with host.page() as page:
-        page.say("set_aov", name="x" * 100_000)
-        with pytest.raises(ConnectionClosed) as caught:
-            page.hear("never")
-        assert caught.value.rcvd is not None and caught.value.rcvd.code == 1009
-    with host.page() as page:
-        page.final()
-
-
-def test_a_flood_of_moves_becomes_few_pictures(host: Host) -> None:
-    """Oracle: the latest wins: nothing is lost of the last one, and few of the others are drawn."""
-    with host.page() as page:
-        page.final()
-        before = len(host.document.states)
-        for number in range(5000):
-            page.say("set_time", time=1 + number % 9, is_scrubbing=True)
-        page.say("set_time", time=7.5)
-        while page.final()["time"] != 7.5:
-            pass
-        assert len(page.frames) < 2500 and len(host.document.states) - before < 5000
-
-
-def test_a_flood_of_questions_is_bounded(host: Host) -> None:
-    """Oracle: as many as may wait; the others are refused in a sentence, and it goes on after."""
-    with host.page() as page:
-        page.final()
-        host.session.ask(lambda document: host.document.may_go_on.wait(PATIENCE))
-        for _ in range(3 * MOST):
-            page.say("frame")
-        assert "fewer at a time" in page.hear("problem")
-        assert len(host.session._tasks) <= MOST
-        host.document.may_go_on.set()
-        page.say("set_time", time=9)
-        while page.final()["time"] != 9:
-            pass
-
-
-def test_questions_of_a_page_that_watches_stop_no_action_of_the_driver(host: Host) -> None:
-    """Oracle: each page's own count; the driver's pick is answered, and so is every question of
-    the other, of which too many get an empty answer."""
-    with host.page(name="first") as first, host.page(name="second") as second:
-        first.final()
-        host.session.ask(lambda document: host.document.may_go_on.wait(PATIENCE))
-        for number in range(2 * MOST):
-            second.say("list_prims", path=f"/P{number}")
-        assert "fewer at a time" in second.hear("problem")
-        second.say("probe", x=1, y=1)
-        assert second.hear("probed") is None
-        first.say("pick", x=1, y=1)
-        first.say("add_bookmark", name="here")
-        while first.hear("state")["bookmarks"] != ["here"]:
-            pass
-        host.document.may_go_on.set()
-        assert first.hear("picked") is None
-        assert "problem" not in {kind for kind, _ in first.heard}
-        second.say("list_prims", path="/")
-        while second.hear("prims")["path"] != "/":
-            pass
-
-
 def test_only_changes_that_a_list_of_prims_shows_are_told(host: Host) -> None:
     """Oracle: what `StageChanged` says; a slider changes values many times a second."""
     with host.page() as page:
@@ -190,21 +105,6 @@ def test_only_changes_that_a_list_of_prims_shows_are_told(host: Host) -> None:
                 pass
             told = [kind for kind, _ in page.heard if kind == "stage_changed"]
             assert len(told) == (structure or visibility)
-
-
-def test_of_questions_about_one_thing_the_last_is_answered(host: Host) -> None:
-    """Oracle: the first is under way, the last one waits, and no other is asked at all."""
-    with host.page() as page:
-        page.final()
-        host.session.ask(lambda document: host.document.may_go_on.wait(PATIENCE))
-        for x in range(500):
-            page.say("pick", x=x / 10, y=1)
-        page.say("set_range", start=2, end=1)
-        page.hear("problem")
-        assert len(host.session._tasks) <= 2
-        host.document.may_go_on.set()
-        page.hear("picked")
-        page.hear("picked")
 
 
 def test_one_page_drives_and_another_watches_until_it_takes_control(host: Host) -> None:
@@ -258,26 +158,6 @@ def test_a_page_that_watches_may_look_and_change_nothing(host: Host) -> None:
         assert first.last("state")["bookmarks"] == []
 
 
-def test_many_children_come_in_pages(host: Host) -> None:
-    """Oracle: the names, in stage order; the page asks from where the last answer ended."""
-    with host.page() as page:
-        page.final()
-        names = [f"P{number}" for number in range(2 * MOST_ROWS + 5)]
-        host.session.ask(
-            lambda document: [document.stage.DefinePrim(f"/{name}", "Scope") for name in names]
-        )
-        found: list[str] = []
-        has_more = True
-        while has_more:
-            page.say("list_prims", path="/", first=len(found))
-            told = page.hear("prims")
-            assert told["first"] == len(found) and len(told["rows"]) <= MOST_ROWS
-            found += [each["name"] for each in told["rows"]]
-            has_more = told["has_more"]
-        assert found == names
-        assert told["rows"][0]["type"] == "Scope" and not told["rows"][0]["has_children"]
-
-
 def test_one_recording_runs_at_a_time_and_ends_with_its_page(host: Host) -> None:
     """Oracle: the fake document's ten frames; another page is told whose recording runs."""
     with host.page(name="first") as first, host.page(name="second") as second:
@@ -294,6 +174,37 @@ def test_one_recording_runs_at_a_time_and_ends_with_its_page(host: Host) -> None
         first.say("end_record")
         host.document.may_go_on.set()
         assert first.hear("recording") == ""
+
+
+def test_only_a_prim_of_the_stage_is_selected(host: Host) -> None:
+    """Oracle: the state that the document was asked to draw; a sentence about any other text."""
+    with host.page() as page:
+        page.final()
+        host.session.ask(lambda document: document.stage.DefinePrim("/A/B"))
+        page.say("select", path="/A/B")
+        while page.hear("state")["selected"] != ["/A/B"]:
+            pass
+        for path in ("/A/C", "<script>", "/A/B.visibility", ""):
+            page.say("select", path=path)
+            assert "expected a prim of the stage" in page.hear("problem")
+        assert page.last("state")["selected"] == ["/A/B"]
+        page.say("select", path=None)
+        while page.hear("state")["selected"] != []:
+            pass
+
+
+def test_a_page_that_comes_again_has_no_recording(host: Host) -> None:
+    """Oracle: the connection that asked for it is gone; while it lasts, a page has its progress."""
+    with host.page(name="first") as first:
+        first.final()
+        host.session.ask(lambda document: host.document.may_go_on.wait(PATIENCE))
+        first.say("record")
+        assert first.hear("recording") == "0 of 10"
+        first.say("hello", page="first", width=64, height=48)
+        assert first.hear("recording") == "0 of 10"
+    with host.page(name="first") as again:
+        assert again.hear("recording") == ""
+        host.document.may_go_on.set()
 
 
 def test_comparisons_and_bookmarks_are_kept(host: Host) -> None:
@@ -367,18 +278,6 @@ def test_playback_ends_when_nobody_looks(host: Host) -> None:
     with host.page(name="second") as other:
         while other.hear("state")["is_playing"]:
             pass
-
-
-def test_so_many_pages_and_no_more(host: Host) -> None:
-    """Oracle: RFC 6455's registry, 1013: try again later."""
-    with ExitStack() as stack:
-        for number in range(MOST_PAGES):
-            page = stack.enter_context(host.page(name=str(number)))
-            assert page.hear("seats")["you"] == number + 1
-        more = stack.enter_context(host.page(hello=False))
-        with pytest.raises(ConnectionClosed) as caught:
-            more.hear("seats")
-        assert caught.value.rcvd is not None and caught.value.rcvd.code == 1013
 
 
 def test_what_was_opened_before_the_server_came_is_told() -> None:

@@ -87,7 +87,7 @@ def test_the_socket_opens_for_its_own_origin_alone(origins: tuple[str, ...]) -> 
 
 
 def test_files_are_not_given_to_another_origin() -> None:
-    """Oracle: the same-origin rule; a page's own modules are fetched with its origin."""
+    """Oracle: the same-origin rule; the page's own requests may name its origin."""
     assert (
         judge(f"/{TOKEN}/icon.svg", origins=("http://elsewhere.example",)) == HTTPStatus.FORBIDDEN
     )

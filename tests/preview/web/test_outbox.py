@@ -8,7 +8,7 @@ import struct
 
 from tests.preview.web.pictures import picture
 from usdsplat.preview.web.outbox import MOST_NEWS, Outbox
-from usdsplat.preview.web.stream import Order
+from usdsplat.preview.web.stream import MOST_DOWNLOADS, Download, Order
 
 
 def test_the_latest_of_each_kind_waits() -> None:
@@ -79,5 +79,35 @@ def test_answers_of_several_subjects_wait_up_to_a_limit() -> None:
         news, _ = await outbox.taken()
         found = [json.loads(each)["content"] for each in news]
         assert found == [[number, "new"] for number in range(50, MOST_NEWS + 50)]
+
+    asyncio.run(main())
+
+
+def test_a_state_that_waits_is_not_lost_among_many_answers() -> None:
+    """Oracle: the page would never get it again, since it counts as known."""
+
+    async def main() -> None:
+        outbox = Outbox()
+        outbox.keep("state", 1)
+        for number in range(2 * MOST_NEWS):
+            outbox.tell("prims", number, subject=f"/{number}")
+        news, _ = await outbox.taken()
+        assert json.loads(news[0]) == {"type": "state", "content": 1}
+        assert len(news) == MOST_NEWS
+
+    asyncio.run(main())
+
+
+def test_a_file_too_many_is_told() -> None:
+    """Oracle: a sentence with the file's name; nothing is dropped silently."""
+
+    async def main() -> None:
+        outbox = Outbox()
+        for number in range(MOST_DOWNLOADS + 1):
+            outbox.send(Download(name=f"{number}.png", encoding="image/png", data=b"x"))
+        news, _ = await outbox.taken()
+        (message,) = (json.loads(each) for each in news)
+        assert message["type"] == "problem"
+        assert message["content"].startswith(f"{MOST_DOWNLOADS}.png: found")
 
     asyncio.run(main())

@@ -11,6 +11,8 @@ import pytest
 
 from tests.preview.web.pictures import scenery
 from tests.preview.web.simulated_link import SimulatedLink
+from usdsplat.core.errors import UsageError
+from usdsplat.preview.web import stream
 from usdsplat.preview.web.stream import (
     FIRST,
     MOST_DOWNLOADS,
@@ -131,15 +133,33 @@ def test_a_file_arrives_whole_and_pictures_precede_it() -> None:
     assert {head["size"] for head in heads} == {len(data)}
 
 
-def test_few_files_wait() -> None:
-    """Oracle: the limit; the one that is being sent is not dropped."""
-    stream = PictureStream()
-    for number in range(3 * MOST_DOWNLOADS):
-        stream.send(Download(name=f"{number}", encoding="image/png", data=b"x"))
+def test_few_files_wait(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Oracle: the limits, of files and of bytes; what is accepted arrives, in order, and a file
+    that is larger than the limit may be sent alone."""
+    monkeypatch.setattr(stream, "MOST_WAITING", 10)
+    sizes = (20, 1, *(2 for _ in range(MOST_DOWNLOADS)))
+    made = [
+        Download(name=f"{number}", encoding="image/png", data=bytes(size))
+        for number, size in enumerate(sizes)
+    ]
+    pictures = PictureStream()
+    pictures.send(made[0])
+    with pytest.raises(UsageError, match="1: found 1 files with 20 bytes"):
+        pictures.send(made[1])
+    assert sent(pictures) == ["0"] and pictures.waiting == 0
+    for each in made[2:]:
+        pictures.send(each)
+    with pytest.raises(UsageError, match=f"found {MOST_DOWNLOADS} files with 8 bytes"):
+        pictures.send(made[1])
+    assert sent(pictures) == ["2", "3", "4", "5"]
+
+
+def sent(pictures: PictureStream) -> list[str]:
+    """Names of the files that are sent now."""
     found = []
-    while (data := stream.next_of_download(0.0)) is not None:
+    while (data := pictures.next_of_download(0.0)) is not None:
         (length,) = struct.unpack(">I", data[:4])
         head = json.loads(data[4 : 4 + length])
-        stream.acknowledged(head["message"], 0.0)
+        pictures.acknowledged(head["message"], 0.0)
         found.append(head["file"])
-    assert found == ["0", "9", "10", "11"]
+    return found

@@ -86,8 +86,6 @@ def _set_look(viewer: Viewer, message: m.Message) -> bool:
             viewer.set_other(replace(before, aov=aov, time=time))
         case m.SetWipe(part=part):
             viewer.set_wipe(part)
-        case m.Select(path=path):
-            viewer.select(() if path is None else (path,))
         case _:
             return False
     return True
@@ -96,9 +94,11 @@ def _set_look(viewer: Viewer, message: m.Message) -> bool:
 def _change_bookmarks(viewer: Viewer, message: m.Message) -> bool:
     match message:
         case m.AddBookmark(name=name):
-            if len(viewer.bookmarks) >= MOST_BOOKMARKS:
+            name = name.strip()
+            is_new = name not in {each.name for each in viewer.bookmarks}
+            if is_new and len(viewer.bookmarks) >= MOST_BOOKMARKS:
                 raise UsageError("bookmark", "one more", f"at most {MOST_BOOKMARKS}")
-            viewer.add_bookmark(name.strip())
+            viewer.add_bookmark(name)
         case m.RestoreBookmark(name=name):
             viewer.restore(name)
         case m.RemoveBookmark(name=name):

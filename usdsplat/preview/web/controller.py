@@ -21,6 +21,7 @@ from usdsplat.preview.picking import Picked, pick
 from usdsplat.preview.session import Session
 from usdsplat.preview.setting_editors import setting_editors
 from usdsplat.preview.stage_model import parameters
+from usdsplat.preview.stage_model.prims import path_of
 from usdsplat.preview.values import (
     Busy,
     Event,
@@ -38,6 +39,7 @@ from usdsplat.preview.web.pages import Page, Pages
 from usdsplat.preview.web.questions import answer, overrun
 from usdsplat.preview.web.recording import Recording
 from usdsplat.preview.web.session_proxy import SessionProxy
+from usdsplat.preview.web.stream import MOST_WAITING
 
 GLIDE = 0.25
 """Duration of a camera move when something is framed [s]."""
@@ -92,6 +94,8 @@ class WebController:
             self._tell("parameters", self._parameters)
             self._tell("simulation", as_json(self._status))
             self._tell("busy", self._busy)
+            running = self._recording
+            self._tell("recording", "" if running is None else running.progress_for(page))
             if self._problem:
                 self._tell("problem", self._problem)
             if self._picture is not None:
@@ -108,7 +112,7 @@ class WebController:
         was_driving = page is self._pages.driver
         self._pages.leave(page)
         if self._recording is not None and self._recording.page is page:
-            self._recording.cancel()
+            self._recording.leave()
         if was_driving:
             self._pass_on()
 
@@ -174,6 +178,8 @@ class WebController:
         running, driver, viewer = self._recording, self._pages.driver, self._viewer
         if running is not None and not running.is_over:
             raise UsageError("recording", f"one of viewer {running.page.number}", "its end first")
+        if (waiting := self._pages.waiting) > MOST_WAITING:
+            raise UsageError("recording", f"files of {waiting} bytes under way", "their end first")
         if driver is not None:
             self._recording = Recording(
                 viewer.state, viewer.timeline, page=driver, proxy=self._proxy
@@ -194,6 +200,12 @@ class WebController:
                 self._proxy.ask(lambda document: _simulate(document, action))
             case m.SetParameter():
                 self._set_parameter(message)
+            case m.Select(path=path):
+                self._proxy.ask(
+                    lambda document: () if path is None else (path_of(document.stage, path),),
+                    self._viewer.select,
+                    key="select",
+                )
             case m.SetVisible(path=path, is_visible=is_visible):
                 self._proxy.ask(lambda document: document.edits.set_visible(path, is_visible))
             case m.Undo():
@@ -332,7 +344,8 @@ class WebController:
         if settings != self._settings_told:
             self._settings_told = settings
             render = as_json(setting_editors(settings[0]))
-            self._tell("settings", {"render": render, "display": _editors(settings[1])})
+            display = as_json(editors_of(settings[1]))
+            self._tell("settings", {"render": render, "display": display})
         self._start_clock()
 
     def _start_clock(self) -> None:
@@ -370,10 +383,6 @@ def _beginning(document: Document) -> tuple[Opened, SimulationStatus]:
     simulation = document.simulation
     status = SimulationStatus(state="none") if simulation is None else simulation.status
     return document.opened(), status
-
-
-def _editors(instance: Any) -> Any:
-    return as_json(editors_of(instance))
 
 
 def _status(document: Document) -> SimulationStatus:

@@ -9,12 +9,14 @@ from __future__ import annotations
 import asyncio
 from typing import Any
 
+from usdsplat.core.errors import UsageError
 from usdsplat.preview.values import Picture
 from usdsplat.preview.web.messages import written
 from usdsplat.preview.web.stream import Download, Order, PictureStream
 
 MOST_NEWS = 200
-"""Most messages that wait; of more, which only a page that reads nothing has, the oldest go."""
+"""Most messages that wait; of more, which only a page that reads nothing has, the oldest go,
+except for those that are kept."""
 
 
 class Outbox:
@@ -29,8 +31,9 @@ class Outbox:
     def tell(self, kind: str, content: Any, *, subject: str = "") -> None:
         """Queue a message, replacing an unsent one of the same kind and subject."""
         self._news[f"{kind} {subject}"] = written(kind, content)
+        others = (key for key in tuple(self._news) if key.removesuffix(" ") not in self._known)
         while len(self._news) > MOST_NEWS:
-            del self._news[next(iter(self._news))]
+            del self._news[next(others)]
         self._changed.set()
 
     def keep(self, kind: str, content: Any) -> None:
@@ -42,8 +45,11 @@ class Outbox:
             self._changed.set()
 
     def send(self, download: Download) -> None:
-        """Queue a file that the page saves."""
-        self.stream.send(download)
+        """Queue a file that the page saves, or a sentence if too much waits already."""
+        try:
+            self.stream.send(download)
+        except UsageError as error:
+            self.tell("problem", str(error))
         self._changed.set()
 
     def show(self, picture: Picture) -> None:

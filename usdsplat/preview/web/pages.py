@@ -42,6 +42,11 @@ class Pages:
         """The pages that have said hello, in that order."""
         return tuple(page for page in self._open if page.name is not None)
 
+    @property
+    def waiting(self) -> int:
+        """Bytes of the files that wait for their pages."""
+        return sum(page.outbox.stream.waiting for page in self._open)
+
     def enter(self, page: Page) -> None:
         """Add a page, which may not do anything yet."""
         self._open.append(page)

@@ -18,6 +18,7 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass
 
+from usdsplat.core.errors import UsageError
 from usdsplat.preview.values import Picture
 from usdsplat.preview.web import frames
 from usdsplat.preview.web.frames import Encoded, Stage
@@ -37,6 +38,8 @@ LEAST_PART = 8_000
 """Smallest part [byte]."""
 MOST_DOWNLOADS = 4
 """Most files that wait."""
+MOST_WAITING = 2**29
+"""Most bytes of files that wait; a single file may have more."""
 _EXACT_SIZE = 1.2  # bytes per pixel of an exact picture before the first one
 
 
@@ -129,10 +132,21 @@ class PictureStream:
         return data
 
     def send(self, download: Download) -> None:
-        """Send a file; of too many, the oldest that waits is dropped."""
-        if len(self._downloads) == MOST_DOWNLOADS:
-            del self._downloads[1]
+        """Send a file.
+
+        Raises:
+            UsageError: If too many files wait, or too many bytes.
+        """
+        count, size = len(self._downloads), self.waiting + len(download.data)
+        if count == MOST_DOWNLOADS or (count and size > MOST_WAITING):
+            found = f"{count} files with {self.waiting} bytes before it"
+            raise UsageError(download.name, found, "fewer: save it again when they have arrived")
         self._downloads.append(download)
+
+    @property
+    def waiting(self) -> int:
+        """Bytes of the files that are not sent completely."""
+        return sum(len(each.data) for each in self._downloads)
 
     def next_of_download(self, now: float) -> bytes | None:
         """Return a part of a file, which pictures precede; None as for `next`."""
