@@ -277,6 +277,58 @@ def test_another_page_watches_takes_control_and_gives_it_back(seat: Seat) -> Non
     assert not first.locator("#timeline").evaluate("each => each.inert")
 
 
+_WATCHED = """() => {
+  window.sockets = [];
+  window.held = null;
+  window.WebSocket = class extends WebSocket {
+    constructor(...given) {
+      super(...given);
+      sockets.push(this);
+      Object.assign(this, { received: [], acknowledged: [] });
+      this.addEventListener("message", ({ data }) => {
+        if (typeof data === "string") return;
+        const text = new Uint8Array(data, 4, new DataView(data).getUint32(0));
+        this.received.push(JSON.parse(new TextDecoder().decode(text)).message);
+      });
+    }
+    send(data) {
+      const { type, message } = JSON.parse(data);
+      if (type === "acknowledge") this.acknowledged.push(message);
+      super.send(data);
+    }
+  };
+  const decode = createImageBitmap;
+  window.createImageBitmap = async (...given) => {
+    if (window.held) await new Promise((resolve) => held.push(resolve));
+    return decode(...given);
+  };
+}"""
+
+
+def test_a_picture_is_acknowledged_on_the_connection_that_it_came_by(seat: Seat) -> None:
+    """Oracle: each connection numbers its messages; a picture is decoded after its connection was
+    lost and another one opened."""
+    second = seat.sit(prepare=lambda page: page.add_init_script(f"({_WATCHED})()"))
+    second.wait_for_function("() => document.getElementById('picture').dataset.final === 'true'")
+    second.evaluate("() => { window.held = []; }")
+    drag(seat, (20, 10))
+    second.wait_for_function("() => held.length === 1")
+    second.evaluate("() => sockets[0].close()")
+    second.wait_for_function("() => sockets[1]?.received.length > 0")
+    number, _ = seat.canvas()
+    second.evaluate("() => { held.forEach((go) => go()); window.held = null; }")
+    second.wait_for_function(
+        "number => { const { dataset } = document.getElementById('picture');"
+        " return dataset.number === String(number) && dataset.final === 'true'"
+        " && sockets[1].acknowledged.length >= sockets[1].received.length; }",
+        arg=number,
+    )
+    received, acknowledged = second.evaluate("() => [sockets[1].received, sockets[1].acknowledged]")
+    second.close()
+    assert sorted(acknowledged) == received  # parts before the last one are not decoded
+    seat.page.locator("#seats").wait_for(state="hidden")
+
+
 def test_the_page_comes_again_by_itself(seat: Seat) -> None:
     """Oracle: it says that the connection is lost, and then shows pictures of a new server."""
     number, _ = seat.canvas()

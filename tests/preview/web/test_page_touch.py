@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -41,8 +42,15 @@ def no_complaints(seat: Seat) -> Iterator[None]:
     assert seat.errors == []
 
 
-def touch(seat: Seat, *paths: tuple[Finger, Finger], steps: int = 8) -> None:
-    """Move fingers, each from a place to another, and lift them together."""
+def touch(
+    seat: Seat, *paths: tuple[Finger, Finger], steps: int = 8, at: float | None = None
+) -> None:
+    """Move fingers, each from a place to another, and lift them together.
+
+    Args:
+        at: When the events say that they happened [s since 1970]; None for now.
+    """
+    when = {} if at is None else {"timestamp": at}
     wire = seat.context.new_cdp_session(seat.page)
 
     def say(kind: str, part: float | None) -> None:
@@ -51,7 +59,7 @@ def touch(seat: Seat, *paths: tuple[Finger, Finger], steps: int = 8) -> None:
             for index, (a, b) in enumerate(paths)
             if part is not None
         ]
-        wire.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+        wire.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points, **when})
 
     say("touchStart", 0.0)
     for step in range(1, steps + 1 if paths[0][0] != paths[0][1] else 1):
@@ -167,13 +175,17 @@ def test_a_tap_picks_and_a_double_tap_frames(seat: Seat) -> None:
     rows, columns = np.nonzero(np.ptp(seat.canvas()[1].astype(int), axis=2) > 60)
     box = seat.page.locator("#picture").bounding_box()
     place = box["x"] + columns[len(columns) // 2] / 2, box["y"] + rows[len(rows) // 2] / 2
-    touch(seat, (place, place))
+    now = time.time()
+    touch(seat, (place, place), at=now - 3.0)
     seat.page.wait_for_function("() => document.querySelector('#picked dl') !== null")
     (path,) = seat.session._state.selected
-    seat.page.wait_for_timeout(500)
     number = seat.rested(number - 1)
-    touch(seat, (place, place))
-    touch(seat, (place, place))
+    camera = seat.session._state.camera
+    touch(seat, (place, place), at=now - 2.0)
+    touch(seat, (place, place), at=now - 1.6)  # too late
+    seat.ask(lambda document: None)
+    assert seat.session._state.camera == camera
+    touch(seat, (place, place), at=now - 1.4)
     subjects: list[Any] = []
     seat.ask(lambda document: subjects.append(document.subject((path,))))
     number = seat.rested(

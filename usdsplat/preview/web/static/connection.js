@@ -37,21 +37,22 @@ export class Connection {
   connect() {
     const url = new URL("socket", location.href);
     url.protocol = "ws:";
-    this.socket = new WebSocket(url);
-    this.socket.binaryType = "arraybuffer";
-    this.socket.onopen = () => {
+    const socket = new WebSocket(url);
+    this.socket = socket;
+    socket.binaryType = "arraybuffer";
+    socket.onopen = () => {
       this.tries = 0;
       this.send("hello", { page: this.page, ...this.listener.open() });
       this.listener.state(true);
     };
-    this.socket.onmessage = (event) => this.receive(event.data);
-    this.socket.onclose = () => {
+    socket.onmessage = (event) => this.receive(event.data, socket);
+    socket.onclose = () => {
       this.listener.state(false);
       setTimeout(() => this.connect(), PATIENCE[Math.min(this.tries++, PATIENCE.length - 1)]);
     };
   }
 
-  receive(data) {
+  receive(data, socket) {
     if (typeof data === "string") {
       const { type, content } = JSON.parse(data);
       this.listener.message(type, content);
@@ -59,11 +60,15 @@ export class Connection {
     }
     const length = new DataView(data).getUint32(0);
     const header = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 4, length)));
+    // each connection has its own numbers, and a picture may be decoded after it was lost
+    const acknowledge = () => {
+      if (socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify({ type: "acknowledge", message: header.message }));
+    };
     if (header.file) {
       this.receiveFile(header, new Uint8Array(data, 4 + length));
+      acknowledge();
       return;
     }
-    const acknowledge = () => this.send("acknowledge", { message: header.message });
     if (header.part === 0) this.parts = { header, pieces: [] }; // a newer picture ends one that is not complete
     this.parts.pieces.push(new Uint8Array(data, 4 + length));
     if (header.part < header.parts - 1) {
@@ -79,7 +84,6 @@ export class Connection {
   receiveFile(header, piece) {
     if (header.is_first) this.pieces = [];
     this.pieces.push(piece);
-    this.send("acknowledge", { message: header.message });
     if (!header.is_last) return;
     this.listener.file(header.file, new Blob(this.pieces, { type: header.encoding }));
     this.pieces = [];
