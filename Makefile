@@ -10,7 +10,7 @@ READY_CUDA := $(VENV_CUDA)/.ready
 CAPTURE ?=
 OUT ?= demo
 BENCHMARKS := commands frame passes renderers scaling memory author formats converters decimation \
-	convert_memory deep colour simulation simulated_frame simulated_beginning live bakes preview_ui minification \
+	convert_memory deep colour simulation simulated_frame simulated_beginning live bakes preview_ui page_link minification \
 	lod_build lod_quality lod_films split_table refinement normals lighting
 GPU_BENCHMARKS := commands cuda_frame simulation_cuda cuda_scaling lod_cuda
 

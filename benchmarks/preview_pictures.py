@@ -24,8 +24,8 @@ from PySide6.QtWidgets import QApplication, QDockWidget
 
 from benchmarks.scenes import DATA
 from benchmarks.simulations import run, save
+from tests.chromium import ARGUMENTS, NAMES
 from tests.preview.usdview import usdviewq
-from tests.preview.web.conftest import ARGUMENTS, NAMES
 from usdsplat.preview.opening import open_document
 from usdsplat.preview.qt import style
 from usdsplat.preview.qt.simulation_panel import SimulationPanel

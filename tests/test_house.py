@@ -67,6 +67,7 @@ WRITERS = {
 ALLOWED = {
     "formats/sog/target.py": "a zip in the open file of an output",
     "kernels/store.py": "the cache of kernels, which is shared and may be lost",
+    "preview/web/recording.py": "a zip in memory, which the page saves",
     "images/texture.py": "a temporary copy of a packed texture, to read it",
     "cli/view.py": "a page that redirects the browser, removed at the end of the session",
     "core/lock.py": "the lock of an output, which is no result",

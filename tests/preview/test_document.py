@@ -84,6 +84,15 @@ def test_what_changes_on_a_stage_is_told_once_before_its_picture(document, event
         True,
         True,
     ]
+    assert [each.visibility for each in events if isinstance(each, StageChanged)] == [
+        True,
+        False,
+        False,
+    ]
+    events.clear()
+    UsdGeom.Xformable(stage.GetPrimAtPath("/World/A")).AddRotateXOp().Set(5.0)
+    drawn_by(document, STATE)
+    assert events[0] == StageChanged(structure=False, visibility=False)
 
 
 def test_an_edit_of_the_stage_is_seen(document, events, stage):

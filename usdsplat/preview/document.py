@@ -201,8 +201,13 @@ class Document:
             return
         others = any(path.IsAbsoluteRootOrPrimPath() for path in notice.GetResyncedPaths())
         ranges = Sdf.Path.absoluteRootPath in notice.GetChangedInfoOnlyPaths()
-        before = self._change is not None and self._change.structure
-        self._change = StageChanged(structure=others or ranges or before)
+        changed = (*notice.GetResyncedPaths(), *notice.GetChangedInfoOnlyPaths())
+        hidings = any(path.name == UsdGeom.Tokens.visibility for path in changed)
+        before = self._change or StageChanged(structure=False)
+        self._change = StageChanged(
+            structure=others or ranges or before.structure,
+            visibility=hidings or before.visibility,
+        )
 
     def _outlines(self, engine: Engine, paths: tuple[str, ...]) -> tuple[boxes.Corners, ...]:
         found = (self._outline(engine, path) for path in paths)

@@ -137,6 +137,8 @@ class StageChanged:
     structure: bool
     """Whether prims or the time range may have changed; then `Document.opened` returns the new
     state."""
+    visibility: bool = False
+    """Whether prims may have been shown or hidden."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -41,10 +41,14 @@ class Seat:
     Args:
         browser: Playwright's.
         open_document: As for `Session`.
+        device: Of the browser's context, such as its viewport.
     """
 
     def __init__(
-        self, browser: Any, open_document: Callable[[Callable[[Event], None]], Document]
+        self,
+        browser: Any,
+        open_document: Callable[[Callable[[Event], None]], Document],
+        **device: Any,
     ) -> None:
         self.pictures: dict[int, Picture] = {}
         self.states: list[Any] = []
@@ -52,17 +56,25 @@ class Seat:
         self.session = Session(open_document)
         self.session.listen(self._keep)
         self.server: Server = serve(self.session)
-        self.context = browser.new_context(viewport={"width": 1000, "height": 640})
+        self.context = browser.new_context(**{"viewport": {"width": 1000, "height": 640}, **device})
         self.errors: list[str] = []
         self.page = self.sit()
 
-    def sit(self) -> Any:
-        """A page of its own, that has opened the URL."""
+    def sit(self, *, port: int | None = None, prepare: Callable[[Any], None] | None = None) -> Any:
+        """A page of its own, that has opened the URL.
+
+        Args:
+            port: Of a proxy; None for the server's own.
+            prepare: Called with the page before it is opened.
+        """
         page = self.context.new_page()
         page.set_default_timeout(1000 * PATIENCE)
         page.on("console", self._hear)
         page.on("pageerror", lambda error: self.errors.append(str(error)))
-        page.goto(self.server.url)
+        if prepare is not None:
+            prepare(page)
+        own = urlsplit(self.server.url).port
+        page.goto(self.server.url.replace(f":{own}/", f":{port or own}/"))
         return page
 
     def close(self) -> None:

@@ -7,12 +7,11 @@ import threading
 from contextlib import ExitStack
 
 import pytest
-from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
 from tests.preview.web.wire import PATIENCE, Host, Page
-from usdsplat.preview.web.server import MOST_PAGES, serve
-from usdsplat.preview.web.session_proxy import MOST
+from usdsplat.preview.values import StageChanged
+from usdsplat.preview.web.server import serve
 
 
 def test_a_page_is_told_everything_and_shown_a_picture(host: Host) -> None:
@@ -28,24 +27,6 @@ def test_a_page_is_told_everything_and_shown_a_picture(host: Host) -> None:
         names = {each["name"] for each in told["settings"]["render"]}
         assert "sh_degree" in names and not names & {"multipart", "node_wait"}
         assert (header["splats"], header["total"]) == (5, 7)
-
-
-def test_the_next_frame_waits_for_an_acknowledgement(host: Host) -> None:
-    """Oracle: a window of one; a page that does not answer gets news, but no second frame."""
-    with host.page() as page:
-        while page.next()[0] != "frame":
-            pass
-        for right in range(20):
-            page.say("orbit", right=0.01 * right)
-        page.say("end_move")
-        page.say("use_camera", path="/none")
-        while page.next()[0] != "problem":
-            pass
-        assert len(page.frames) == 1
-        page.say("acknowledge", number=page.frames[0]["number"] + 1000)
-        page.say("acknowledge", number=page.frames[0]["number"])
-        while page.final()["number"] != len(host.document.states):
-            pass
 
 
 def test_what_a_page_does_is_seen(host: Host) -> None:
@@ -83,6 +64,9 @@ def test_what_a_page_does_is_seen(host: Host) -> None:
         ('{"type": "set_range", "start": 5, "end": 1}', "range: found 5 to 1"),
         ('{"type": "simulate", "action": "run"}', "simulation: found none on the stage"),
         ('{"type": "set_aov", "name": "Z"}', "/World: found no depth"),
+        ('{"type": "set_other", "aov": "beauty"}', "expected one of color"),
+        ('{"type": "set_wipe", "part": 1.5}', "0 to 1"),
+        ('{"type": "list_prims", "path": "../x"}', "../x"),
     ],
 )
 def test_a_wrong_message_is_one_sentence_and_the_page_goes_on(
@@ -108,102 +92,192 @@ def test_nothing_is_done_before_hello(host: Host) -> None:
         assert not page.frames
 
 
-def test_a_message_that_is_too_long_ends_the_connection(host: Host) -> None:
-    """Oracle: RFC 6455, close code 1009; the next page is served."""
-    with host.page() as page:
-        page.say("set_aov", name="x" * 100_000)
-        with pytest.raises(ConnectionClosed) as caught:
-            page.hear("never")
-        assert caught.value.rcvd is not None and caught.value.rcvd.code == 1009
+def test_only_changes_that_a_list_of_prims_shows_are_told(host: Host) -> None:
+    """Oracle: what `StageChanged` says; a slider changes values many times a second."""
     with host.page() as page:
         page.final()
+        for structure, visibility, time in ((False, False, 2), (True, False, 3), (False, True, 4)):
+            change = StageChanged(structure=structure, visibility=visibility)
+            host.session.ask(lambda document, change=change: document.publish(change))
+            page.say("set_time", time=time)
+            page.heard.clear()
+            while page.final()["time"] != time:
+                pass
+            told = [kind for kind, _ in page.heard if kind == "stage_changed"]
+            assert len(told) == (structure or visibility)
 
 
-def test_a_flood_of_moves_becomes_few_pictures(host: Host) -> None:
-    """Oracle: the latest wins: nothing is lost of the last one, and few of the others are drawn."""
-    with host.page() as page:
-        page.final()
-        before = len(host.document.states)
-        for number in range(5000):
-            page.say("set_time", time=1 + number % 9, is_scrubbing=True)
-        page.say("set_time", time=7.5)
-        while page.final()["time"] != 7.5:
+def test_one_page_drives_and_another_watches_until_it_takes_control(host: Host) -> None:
+    """Oracle: pages.py says who drives; both get every final picture, of the driver's size."""
+    with host.page(name="first") as first, host.page(name="second", size=(96, 64)) as second:
+        assert first.hear("seats") == {"you": 1, "driver": 1, "pages": 1}
+        assert second.hear("seats") == {"you": 2, "driver": 1, "pages": 2}
+        first.say("set_time", time=4)
+        for page in (first, second):
+            while (header := page.final())["time"] != 4:
+                pass
+            assert header["viewport"] == [64, 48]
+        second.say("set_aov", name="N")
+        second.hear("watching")
+        second.say("take_over", width=96, height=64)
+        assert second.hear("seats") == {"you": 2, "driver": 2, "pages": 2}
+        for page in (first, second):
+            while page.final()["viewport"] != [96, 64]:
+                pass
+        assert host.document.states[-1].look.aov == "color"
+        first.say("set_aov", name="N")
+        first.hear("watching")
+
+
+def test_a_page_that_watches_may_look_and_change_nothing(host: Host) -> None:
+    """Oracle: answers to questions come to the one that asked; all else is refused."""
+    with host.page(name="first") as first, host.page(name="second") as second:
+        first.final()
+        second.say("list_prims", path="/")
+        assert second.hear("prims") == {"path": "/", "first": 0, "rows": [], "has_more": False}
+        second.say("search_prims", text="x")
+        assert second.hear("found") == {"text": "x", "paths": []}
+        second.say("probe", x=1, y=1)
+        assert second.hear("probed") is None
+        second.say("list_prims", path="/nowhere")
+        assert "/nowhere" in second.hear("problem")
+        for kind, members in (
+            ("set_visible", {"path": "/A", "is_visible": False}),
+            ("record", {}),
+            ("add_bookmark", {}),
+            ("set_other", {"aov": "N"}),
+            ("select", {"path": "/A"}),
+        ):
+            second.say(kind, **members)
+            second.hear("watching")
+        first.say("set_time", time=2)
+        while first.final()["time"] != 2:
             pass
-        assert len(page.frames) < 2500 and len(host.document.states) - before < 5000
+        state = host.document.states[-1]
+        assert state.other is None and state.selected == ()
+        assert first.last("state")["bookmarks"] == []
 
 
-def test_a_flood_of_questions_is_bounded(host: Host) -> None:
-    """Oracle: as many as may wait; the others are refused in a sentence, and it goes on after."""
+def test_one_recording_runs_at_a_time_and_ends_with_its_page(host: Host) -> None:
+    """Oracle: the fake document's ten frames; another page is told whose recording runs."""
+    with host.page(name="first") as first, host.page(name="second") as second:
+        first.final()
+        host.session.ask(lambda document: host.document.may_go_on.wait(PATIENCE))
+        first.say("record")
+        assert first.hear("recording") == "0 of 10"
+        first.say("record")
+        assert "one of viewer 1" in first.hear("problem")
+        second.say("take_over", width=64, height=48)
+        second.say("end_record")
+        second.say("record")
+        assert "one of viewer 1" in second.hear("problem")
+        first.say("end_record")
+        host.document.may_go_on.set()
+        assert first.hear("recording") == ""
+
+
+def test_only_a_prim_of_the_stage_is_selected(host: Host) -> None:
+    """Oracle: the state that the document was asked to draw; a sentence about any other text."""
     with host.page() as page:
         page.final()
+        host.session.ask(lambda document: document.stage.DefinePrim("/A/B"))
+        page.say("select", path="/A/B")
+        while page.hear("state")["selected"] != ["/A/B"]:
+            pass
+        for path in ("/A/C", "<script>", "/A/B.visibility", ""):
+            page.say("select", path=path)
+            assert "expected a prim of the stage" in page.hear("problem")
+        assert page.last("state")["selected"] == ["/A/B"]
+        page.say("select", path=None)
+        while page.hear("state")["selected"] != []:
+            pass
+
+
+def test_a_page_that_comes_again_has_no_recording(host: Host) -> None:
+    """Oracle: the connection that asked for it is gone; while it lasts, a page has its progress."""
+    with host.page(name="first") as first:
+        first.final()
         host.session.ask(lambda document: host.document.may_go_on.wait(PATIENCE))
-        for _ in range(3 * MOST):
-            page.say("frame")
-        assert "fewer at a time" in page.hear("problem")
-        assert len(host.session._tasks) <= MOST
+        first.say("record")
+        assert first.hear("recording") == "0 of 10"
+        first.say("hello", page="first", width=64, height=48)
+        assert first.hear("recording") == "0 of 10"
+    with host.page(name="first") as again:
+        assert again.hear("recording") == ""
         host.document.may_go_on.set()
+
+
+def test_comparisons_and_bookmarks_are_kept(host: Host) -> None:
+    """Oracle: the state that the document was asked to draw, and that the page is told."""
+    with host.page() as page:
+        page.final()
+        page.say("set_setting", name="sh_degree", value=1)
+        page.say("set_other", aov="N", time=3)
+        page.say("set_setting", name="sh_degree", value=2)
+        page.say("set_other", aov="albedo")
+        page.say("set_wipe", part=0.25)
+        page.say("add_bookmark", name="here")
+        page.say("use_camera", path="/B")
+        page.say("add_bookmark")
+        while page.hear("state")["bookmarks"] != ["here", "View 1"]:
+            pass
+        page.say("restore_bookmark", name="here")
+        page.say("remove_bookmark", name="View 1")
+        while page.hear("state")["bookmarks"] != ["here"]:
+            pass
         page.say("set_time", time=9)
         while page.final()["time"] != 9:
             pass
-
-
-def test_of_questions_about_one_thing_the_last_is_answered(host: Host) -> None:
-    """Oracle: the first is under way, the last one waits, and no other is asked at all."""
-    with host.page() as page:
-        page.final()
-        host.session.ask(lambda document: host.document.may_go_on.wait(PATIENCE))
-        for x in range(500):
-            page.say("pick", x=x / 10, y=1)
-        page.say("set_range", start=2, end=1)
-        page.hear("problem")
-        assert len(host.session._tasks) <= 2
-        host.document.may_go_on.set()
-        page.hear("picked")
-        page.hear("picked")
-
-
-def test_one_page_has_the_view_and_another_may_take_it(host: Host) -> None:
-    """Oracle: pages.py says who has it."""
-    with host.page(name="first") as first, host.page(name="second") as second:
-        first.final()
-        second.hear("in_use")
-        second.say("set_aov", name="N")
-        second.hear("in_use")
-        second.say("take_over", width=96, height=64)
-        first.hear("in_use")
-        while second.final()["viewport"] != [96, 64]:
+        state = host.document.states[-1]
+        assert state.wipe == 0.25 and state.camera != "/B"
+        assert (state.other.aov, state.other.time) == ("albedo", None)
+        assert (state.look.settings.sh_degree, state.other.settings.sh_degree) == (2, 1)
+        page.say("set_other", aov=None)
+        while page.hear("state")["other"] is not None:
             pass
-        assert host.document.states[-1].look.aov == "color"
-        with host.page(name="second") as again:
-            again.final()
-            second.hear("in_use")
 
 
-def test_the_view_is_free_when_its_page_goes(host: Host) -> None:
-    """Oracle: playing stops when nobody looks; who waits is told, and who comes next has it."""
-    with host.page(name="other", hello=False) as other:
-        with host.page(name="first") as page:
-            page.final()
-            page.say("play", is_playing=True)
-            while not page.hear("state")["is_playing"]:
-                pass
-            other.say("hello", page="other", width=64, height=48)
-            other.hear("in_use")
-        other.hear("free")
-        other.say("take_over", width=64, height=48)
-        assert other.hear("state")["is_playing"] is False
+def test_a_page_that_comes_again_drives_again(host: Host) -> None:
+    """Oracle: its name; the lost connection, which the server may still take for open, watches."""
+    with host.page(name="first") as first:
+        first.final()
+        with host.page(name="first") as again:
+            assert again.hear("seats") == {"you": 2, "driver": 2, "pages": 2}
 
 
-def test_so_many_pages_and_no_more(host: Host) -> None:
-    """Oracle: RFC 6455's registry, 1013: try again later."""
+def test_who_has_watched_the_longest_drives_when_the_driver_goes(host: Host) -> None:
+    """Oracle: the order of hellos; the picture gets the size of the new driver's viewport."""
     with ExitStack() as stack:
-        for number in range(MOST_PAGES):
-            page = stack.enter_context(host.page(name=str(number)))
-            page.hear("in_use" if number else "welcome")
-        more = stack.enter_context(host.page(hello=False))
-        with pytest.raises(ConnectionClosed) as caught:
-            more.hear("in_use")
-        assert caught.value.rcvd is not None and caught.value.rcvd.code == 1013
+        with host.page(name="first") as first:
+            first.final()
+            second = stack.enter_context(host.page(name="second", size=(80, 60)))
+            second.hear("seats")
+            third = stack.enter_context(host.page(name="third", size=(96, 64)))
+            third.hear("seats")
+            second.say("resize", width=88, height=60)
+            second.say("set_aov", name="N")
+            second.hear("watching")
+        while second.hear("seats")["driver"] != 2:
+            pass
+        while third.hear("seats") != {"you": 3, "driver": 2, "pages": 2}:
+            pass
+        while second.final()["viewport"] != [88, 60]:
+            pass
+        second.say("set_time", time=3)
+        while third.final()["time"] != 3:
+            pass
+
+
+def test_playback_ends_when_nobody_looks(host: Host) -> None:
+    """Oracle: the state that the next page gets."""
+    with host.page(name="first") as page:
+        page.final()
+        page.say("play", is_playing=True)
+        while not page.hear("state")["is_playing"]:
+            pass
+    with host.page(name="second") as other:
+        while other.hear("state")["is_playing"]:
+            pass
 
 
 def test_what_was_opened_before_the_server_came_is_told() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import hashlib
 import re
 import socket
 from http import HTTPStatus
@@ -10,7 +12,7 @@ import pytest
 from websockets.datastructures import Headers
 
 from usdsplat.preview.web.files import files
-from usdsplat.preview.web.guard import HEADERS, SOCKET, Guard, Refusal, is_loopback
+from usdsplat.preview.web.guard import SOCKET, Guard, Refusal, headers_of, is_loopback
 
 TOKEN = "a-token_of-some-LENGTH"
 OWN = "127.0.0.1:8000"
@@ -34,7 +36,7 @@ def judge(
 def test_the_page_and_its_files_and_its_socket_are_served_with_the_token() -> None:
     """Oracle: the URL that the terminal shows."""
     assert judge() == ""
-    assert judge(f"/{TOKEN}/main.js") == "main.js"
+    assert judge(f"/{TOKEN}/icon.svg") == "icon.svg"
     assert judge(f"/{TOKEN}/?from=history") == ""
     assert judge(f"/{TOKEN}/socket", origins=(f"http://{OWN}",)) == SOCKET
 
@@ -45,7 +47,7 @@ def test_the_page_and_its_files_and_its_socket_are_served_with_the_token() -> No
         "/",
         "",
         "/socket",
-        "/main.js",
+        "/icon.svg",
         f"/{TOKEN[:-1]}/",
         f"/{TOKEN}x/",
         f"/{TOKEN.lower()}/",
@@ -85,9 +87,11 @@ def test_the_socket_opens_for_its_own_origin_alone(origins: tuple[str, ...]) -> 
 
 
 def test_files_are_not_given_to_another_origin() -> None:
-    """Oracle: the same-origin rule; a page's own modules are fetched with its origin."""
-    assert judge(f"/{TOKEN}/main.js", origins=("http://elsewhere.example",)) == HTTPStatus.FORBIDDEN
-    assert judge(f"/{TOKEN}/main.js", origins=(f"http://{OWN}",)) == "main.js"
+    """Oracle: the same-origin rule; the page's own requests may name its origin."""
+    assert (
+        judge(f"/{TOKEN}/icon.svg", origins=("http://elsewhere.example",)) == HTTPStatus.FORBIDDEN
+    )
+    assert judge(f"/{TOKEN}/icon.svg", origins=(f"http://{OWN}",)) == "icon.svg"
 
 
 @pytest.mark.parametrize(
@@ -139,14 +143,14 @@ def test_a_server_for_other_machines_has_addresses_and_its_own_names() -> None:
         "/etc/passwd",
         "//etc/passwd",
         "C:\\Windows\\win.ini",
-        "main.js/",
-        "main.js%00",
-        "./main.js",
-        "%6dain.js",
-        "MAIN.JS",
+        "icon.svg/",
+        "icon.svg%00",
+        "./icon.svg",
+        "%69con.svg",
+        "ICON.SVG",
         "index.html",
         "socket/",
-        "static/main.js",
+        "static/icon.svg",
         "__init__.py",
     ],
 )
@@ -170,10 +174,26 @@ def test_loopback_addresses_are_known() -> None:
 def test_the_page_needs_nothing_from_elsewhere() -> None:
     """Oracle: no file names another host, and the policy would not let it load one."""
     served = files()
-    assert {"", "main.js", "style.css", "icon.svg"} <= set(served)
+    assert set(served) == {"", "icon.svg"}
     for name, file in served.items():
         text = file.body.decode().replace("http://www.w3.org/2000/svg", "")
         assert not re.search(r"""(https?:|["'(=\s])//\w""", text), name
         assert "<script>" not in text and " style=" not in text and " onclick" not in text, name
-    policy = dict(HEADERS)["Content-Security-Policy"]
-    assert "unsafe" not in policy and "*" not in policy and "frame-ancestors 'none'" in policy
+        policy = dict(file.headers)["Content-Security-Policy"]
+        assert "unsafe" not in policy and "*" not in policy and "frame-ancestors 'none'" in policy
+
+
+def test_only_the_page_s_own_script_and_style_may_run() -> None:
+    """Oracle: CSP level 3: the SHA-256 of what is between the tags; nothing at all elsewhere."""
+    page = files()[""]
+    policy = dict(page.headers)["Content-Security-Policy"]
+    text = page.body.decode()
+    for kind, pattern in (
+        ("script", r'<script type="module">(.*?)</script>'),
+        ("style", r"<style>(.*?)</style>"),
+    ):
+        (inside,) = re.findall(pattern, text, re.DOTALL)
+        digest = base64.b64encode(hashlib.sha256(inside.encode()).digest()).decode()
+        assert f"{kind}-src 'sha256-{digest}';" in policy
+    nothing = dict(headers_of())["Content-Security-Policy"]
+    assert "script-src 'none'; style-src 'none';" in nothing

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import gzip
 import logging
 import socket
+from typing import Any
 from urllib.parse import urlsplit
 
 import pytest
 from websockets.exceptions import InvalidStatus
+from websockets.extensions.permessage_deflate import ClientPerMessageDeflateFactory
+from websockets.frames import Opcode
 from websockets.sync.client import connect
 
-from tests.preview.web.wire import PATIENCE, Host
+from tests.preview.web.wire import PATIENCE, Host, Page
 from usdsplat.core.errors import UsageError
 from usdsplat.preview.web.server import Server, serve
 
@@ -20,14 +24,49 @@ def test_the_page_and_its_files_come_with_their_types_and_headers(host: Host) ->
     status, headers, body = host.get(host.path)
     assert status == 200 and headers["content-type"] == "text/html; charset=utf-8"
     assert body.startswith(b"<!doctype html>") and len(body) == int(headers["content-length"])
-    for name in ("main.js", "style.css"):
+    for name, kind in (("", "text/html"), ("icon.svg", "image/svg+xml")):
         status, headers, _ = host.get(host.path + name)
         assert status == 200
-        assert headers["content-type"].split(";")[0] in ("text/javascript", "text/css")
+        assert headers["content-type"].split(";")[0] == kind
         assert headers["x-content-type-options"] == "nosniff"
         assert headers["cache-control"] == "no-store"
         assert headers["referrer-policy"] == "no-referrer"
-        assert "script-src 'self'" in headers["content-security-policy"]
+        assert "default-src 'none'" in headers["content-security-policy"]
+
+
+def test_files_are_compressed_for_those_who_accept_it(host: Host) -> None:
+    """Oracle: gzip's own reader, and RFC 9110: Content-Length is that of what is sent."""
+    _, _, plain = host.get(host.path)
+    _, headers, packed = host.get(host.path, headers={"Accept-Encoding": "gzip, deflate, br"})
+    assert headers["content-encoding"] == "gzip"
+    assert int(headers["content-length"]) == len(packed) < 0.5 * len(plain)
+    assert gzip.decompress(packed) == plain
+
+
+def test_text_is_compressed_on_the_socket_and_images_are_not(host: Host) -> None:
+    """Oracle: RFC 7692: the first reserved bit marks a compressed message."""
+    frames: list[Any] = []
+
+    class Watching(ClientPerMessageDeflateFactory):
+        def process_response_params(self, *arguments: Any) -> Any:
+            extension = super().process_response_params(*arguments)
+            decode = extension.decode
+            extension.decode = lambda frame, **limits: (
+                frames.append((frame.opcode, frame.rsv1)) or decode(frame, **limits)
+            )
+            return extension
+
+    with connect(
+        f"ws://{host.address}{host.path}socket",
+        origin=f"http://{host.address}",
+        compression=None,
+        extensions=[Watching()],
+    ) as wire:
+        page = Page(wire)
+        page.say("hello", page="page", width=64, height=48)
+        page.final()
+    assert {rsv1 for opcode, rsv1 in frames if opcode is Opcode.TEXT} == {True}
+    assert {rsv1 for opcode, rsv1 in frames if opcode is Opcode.BINARY} == {False}
 
 
 @pytest.mark.parametrize(

@@ -58,13 +58,16 @@ class Host:
             connection.close()
 
     @contextmanager
-    def page(self, *, name: str = "page", hello: bool = True) -> Iterator[Page]:
+    def page(
+        self, *, name: str = "page", hello: bool = True, size: tuple[int, int] = (64, 48)
+    ) -> Iterator[Page]:
         """A page that has said hello."""
         url = f"ws://{self.address}{self.path}socket"
-        with connect(url, origin=f"http://{self.address}") as wire:
+        # without a limit, a page that reads nothing would not see the end of its connection either
+        with connect(url, origin=f"http://{self.address}", max_queue=None) as wire:
             page = Page(wire)
             if hello:
-                page.say("hello", page=name, width=64, height=48)
+                page.say("hello", page=name, width=size[0], height=size[1])
             yield page
 
 
@@ -74,6 +77,7 @@ class Page:
     def __init__(self, wire: ClientConnection) -> None:
         self.wire = wire
         self.frames: list[dict[str, Any]] = []
+        self._about: dict[str, Any] = {}
         self.heard: list[tuple[str, Any]] = []
 
     def say(self, kind: str, **members: Any) -> None:
@@ -84,16 +88,22 @@ class Page:
         while True:
             found, content = self.next()
             if found == "frame":
-                self.say("acknowledge", number=content["number"])
+                self.say("acknowledge", message=content["message"])
             if found == kind:
                 return content
 
+    def last(self, kind: str) -> Any:
+        """The content of the last message of a kind so far."""
+        return next(content for found, content in reversed(self.heard) if found == kind)
+
     def next(self) -> tuple[str, Any]:
-        """Whatever comes next."""
+        """Whatever comes next; of a picture in parts, each of them."""
         data = self.wire.recv(timeout=PATIENCE)
         if isinstance(data, bytes):
             (length,) = struct.unpack(">I", data[:4])
-            self.frames.append(json.loads(data[4 : 4 + length]))
+            header = json.loads(data[4 : 4 + length])
+            self._about = header if header["part"] == 0 else self._about
+            self.frames.append({**self._about, **header})
             return "frame", self.frames[-1]
         message = json.loads(data)
         self.heard.append((message["type"], message["content"]))
@@ -103,5 +113,5 @@ class Page:
         """The next frame after which nothing better comes."""
         while True:
             header: dict[str, Any] = self.hear("frame")
-            if header["is_final"]:
+            if header["is_final"] and header["part"] == header["parts"] - 1:
                 return header

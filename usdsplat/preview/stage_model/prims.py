@@ -120,6 +120,15 @@ def search(stage: Usd.Stage, text: str, *, most: int = 1000) -> tuple[str, ...]:
     return tuple(found)
 
 
+def path_of(stage: Usd.Stage, path: str) -> str:
+    """Return the path of a prim.
+
+    Raises:
+        StageError: If there is no such prim.
+    """
+    return str(_prim(stage, path).GetPath())
+
+
 class _Reader:
     """Reads rows of the children of one prim, with the shared state computed once."""
 

@@ -16,11 +16,12 @@ from usdsplat.images.aovs import AOVS
 from usdsplat.preview import opening
 from usdsplat.preview.camera import FreeCamera
 from usdsplat.preview.document import Document
-from usdsplat.preview.knob_model import editors_of, with_value
+from usdsplat.preview.knob_model import editors_of
 from usdsplat.preview.picking import Picked, pick
 from usdsplat.preview.session import Session
-from usdsplat.preview.setting_editors import setting_editors, with_setting
+from usdsplat.preview.setting_editors import setting_editors
 from usdsplat.preview.stage_model import parameters
+from usdsplat.preview.stage_model.prims import path_of
 from usdsplat.preview.values import (
     Busy,
     Event,
@@ -33,9 +34,12 @@ from usdsplat.preview.values import (
 )
 from usdsplat.preview.viewer import Viewer
 from usdsplat.preview.web import messages as m
-from usdsplat.preview.web.pages import Pages
+from usdsplat.preview.web.commands import apply
+from usdsplat.preview.web.pages import Page, Pages
+from usdsplat.preview.web.questions import answer, overrun
+from usdsplat.preview.web.recording import Recording
 from usdsplat.preview.web.session_proxy import SessionProxy
-from usdsplat.render.settings import RenderSettings
+from usdsplat.preview.web.stream import MOST_WAITING
 
 GLIDE = 0.25
 """Duration of a camera move when something is framed [s]."""
@@ -44,11 +48,11 @@ TICK = 1 / 60
 
 
 class WebController:
-    """One view of a session, controlled by the page that holds it.
+    """One view of a session, controlled by the page that drives.
 
     Args:
         session: The session.
-        pages: The open pages; the one that holds the view receives events.
+        pages: The open pages; all receive events.
         camera: Path of the first camera; None frames the whole scene.
         time: First time code; None for that of the stage.
     """
@@ -62,6 +66,8 @@ class WebController:
         time: float | None = None,
     ) -> None:
         self._pages = pages
+        self._to: tuple[Page, ...] | None = None
+        """Pages that are told; None for all."""
         self._proxy = SessionProxy(session, heard=self._heard)
         self._viewer = Viewer(self._proxy, changed=self._changed, glide=GLIDE)
         self._opened: Opened | None = None
@@ -70,6 +76,7 @@ class WebController:
         self._picture: Picture | None = None
         self._parameters: Any = []
         self._settings_told: tuple[Any, ...] = ()
+        self._recording: Recording | None = None
         self._problem = ""
         self._clock: asyncio.Task[None] | None = None
         self._first_camera, self._first_time = camera, time
@@ -78,102 +85,135 @@ class WebController:
 
     # --- for the server --------------------------------------------------------------------
 
-    def welcome(self, width: int, height: int) -> None:
-        """Send everything to a page that got the view, and fit the pictures to it."""
-        self._tell("welcome", None)
-        self._tell_opened()
-        self._settings_told = ()
-        self._tell("parameters", self._parameters)
-        self._tell("simulation", as_json(self._status))
-        self._tell("busy", self._busy)
-        if self._problem:
-            self._tell("problem", self._problem)
-        if self._picture is not None:
-            self._show(self._picture)
-        self._viewer.resize(width, height)
+    def welcome(self, page: Page) -> None:
+        """Send everything to a page, and fit the pictures to it if it drives."""
+        self._to = (page,)
+        try:
+            self._tell_opened()
+            self._settings_told = ()
+            self._tell("parameters", self._parameters)
+            self._tell("simulation", as_json(self._status))
+            self._tell("busy", self._busy)
+            running = self._recording
+            self._tell("recording", "" if running is None else running.progress_for(page))
+            if self._problem:
+                self._tell("problem", self._problem)
+            if self._picture is not None:
+                page.outbox.show(self._picture)
+            self._changed()
+        finally:
+            self._to = None
+        if page is self._pages.driver:
+            self._viewer.resize(*page.size)
 
-    def rest(self) -> None:
-        """Stop playback and moves when no page is left; a simulation goes on."""
-        self._viewer.play(False)
+    def leave(self, page: Page) -> None:
+        """Let another page drive when one is closed. When none is left, playback and moves stop,
+        and a simulation goes on."""
+        was_driving = page is self._pages.driver
+        self._pages.leave(page)
+        if self._recording is not None and self._recording.page is page:
+            self._recording.leave()
+        if was_driving:
+            self._pass_on()
+
+    def _pass_on(self) -> None:
+        """Fit the view to the page that drives now."""
         self._viewer.end_move()
+        if self._pages.driver is None:
+            self._viewer.play(False)
+        else:
+            self._viewer.resize(*self._pages.driver.size)
+
+    def hear(self, page: Page, message: m.Message) -> None:
+        """Handle a message of a page; those that watch may only look.
+
+        Raises:
+            UsageError: If it refers to something that does not exist, or exceeds a limit.
+        """
+        if isinstance(message, m.Resize | m.TakeOver):
+            page.size = message.width, message.height
+        if isinstance(message, m.TakeOver):
+            self._pages.take_over(page)
+            self._pass_on()
+        elif isinstance(message, m.Look):
+            answer(message, page, proxy=self._proxy, viewer=self._viewer)
+        elif isinstance(message, m.EndRecord):
+            if self._recording is not None and self._recording.page is page:
+                self._recording.cancel()
+        elif page is self._pages.driver:
+            self.do(message)
+        elif not isinstance(message, m.Resize):
+            page.outbox.tell("watching", None)
 
     def close(self) -> None:
         """Stop listening and ticking."""
         if self._clock is not None:
             self._clock.cancel()
+        if self._recording is not None:
+            self._recording.close()
         self._proxy.close()
 
     def do(self, message: m.Message) -> None:
-        """Handle a page's message.
+        """Handle a message of the page that drives.
 
         Raises:
             UsageError: If it refers to something that does not exist, or exceeds a limit.
         """
-        viewer = self._viewer
-        match message:
-            case m.Resize(width=width, height=height):
-                viewer.resize(width, height)
-            case m.Orbit(right=right, down=down):
-                viewer.orbit(right, down)
-            case m.Pan(right=right, down=down):
-                viewer.pan(right, down)
-            case m.Dolly(factor=factor):
-                viewer.dolly(factor)
-            case m.LookAround(right=right, down=down):
-                viewer.look_around(right, down)
-            case m.Fly(right=right, up=up, forward=forward):
-                viewer.set_flight(right, up, forward)
-                self._start_clock()
-            case m.EndMove():
-                viewer.end_move()
-            case m.UseCamera(path=path):
-                self._use_camera(path)
-            case m.Play(is_playing=is_playing):
-                viewer.play(is_playing)
-            case m.Advance(frames=frames):
-                viewer.advance(frames)
-            case m.SetTime(time=time, is_scrubbing=is_scrubbing):
-                viewer.set_time(time, is_scrubbing=is_scrubbing)
-            case m.SetRange(start=start, end=end):
-                viewer.timeline.set_range(start, end)
-                viewer.set_time(viewer.timeline.current)
-            case m.SetLoops(loops=loops):
-                viewer.timeline.loops = loops
-                self._changed()
-            case m.SetAov(name=name):
-                self._set_aov(name)
-            case m.SetSetting(name=name, value=value):
-                settings = with_setting(viewer.state.look.settings, name, value)
-                _check_names_no_file(settings)
-                viewer.set_look(settings=settings)
-            case m.SetDisplay(name=name, value=value):
-                display = with_value(viewer.state.display, name, value)
-                viewer.set_display(**{name: getattr(display, name)})
-            case _:
-                self._ask_for(message)
+        if apply(self._viewer, message):
+            self._start_clock()
+        elif isinstance(message, m.SetLoops):
+            self._viewer.timeline.loops = message.loops
+            self._changed()
+        else:
+            self._ask_for(message)
 
     # --- what needs the stage --------------------------------------------------------------
 
+    def _check_rate(self) -> None:
+        if self._proxy.is_overrun():
+            raise overrun()
+
+    def _record(self) -> None:
+        """Record the timeline's range for the page that drives."""
+        running, driver, viewer = self._recording, self._pages.driver, self._viewer
+        if running is not None and not running.is_over:
+            raise UsageError("recording", f"one of viewer {running.page.number}", "its end first")
+        if (waiting := self._pages.waiting) > MOST_WAITING:
+            raise UsageError("recording", f"files of {waiting} bytes under way", "their end first")
+        if driver is not None:
+            self._recording = Recording(
+                viewer.state, viewer.timeline, page=driver, proxy=self._proxy
+            )
+
     def _ask_for(self, message: m.Message) -> None:
-        if self._proxy.is_overrun:
-            raise UsageError("message", "too many open requests", "fewer at a time")
+        self._check_rate()
         match message:
             case m.Frame(everything=everything):
                 self._viewer.frame(() if everything else self._viewer.state.selected)
-            case m.Pick(x=x, y=y, is_target=is_target):
+            case m.Pick(x=x, y=y):
                 self._proxy.ask(
                     lambda document: pick(document, x, y),
-                    lambda picked: self._picked(picked, is_target=is_target),
-                    key=f"pick {is_target}",
+                    lambda picked: self._picked(picked, message),
+                    key=f"pick {message.is_target} {message.is_framed}",
                 )
             case m.Simulate(action=action):
                 self._proxy.ask(lambda document: _simulate(document, action))
             case m.SetParameter():
                 self._set_parameter(message)
+            case m.Select(path=path):
+                self._proxy.ask(
+                    lambda document: () if path is None else (path_of(document.stage, path),),
+                    self._viewer.select,
+                    key="select",
+                )
+            case m.SetVisible(path=path, is_visible=is_visible):
+                self._proxy.ask(lambda document: document.edits.set_visible(path, is_visible))
             case m.Undo():
                 self._edit(lambda document: document.edits.undo(), "Undid")
             case m.Redo():
                 self._edit(lambda document: document.edits.redo(), "Did again")
+            case m.Record():
+                self._record()
             case m.Reload():
                 self._proxy.ask(
                     opening.reload,
@@ -212,27 +252,13 @@ class WebController:
         self._parameters = as_json(prims)
         self._tell("parameters", self._parameters)
 
-    def _picked(self, picked: Picked | None, *, is_target: bool) -> None:
+    def _picked(self, picked: Picked | None, message: m.Pick) -> None:
         self._tell("picked", as_json(picked))
-        if picked is None:
-            self._viewer.select(())
-            return
-        self._viewer.select((picked.path,))
-        if is_target:
+        self._viewer.select(() if picked is None else (picked.path,))
+        if picked is not None and message.is_target:
             self._viewer.aim(picked.position)
-
-    # --- what needs only the viewer --------------------------------------------------------
-
-    def _use_camera(self, path: str | None) -> None:
-        if path is not None and path not in self._viewer.cameras:
-            cameras = ", ".join(self._viewer.cameras) or "none: the stage has no camera"
-            raise UsageError("camera", repr(path), cameras)
-        self._viewer.use_camera(path)
-
-    def _set_aov(self, name: str) -> None:
-        if name not in AOVS:
-            raise UsageError("AOV", repr(name), f"one of {', '.join(AOVS)}")
-        self._viewer.set_look(aov=name)
+        elif message.is_framed:
+            self._viewer.frame(self._viewer.state.selected)
 
     # --- what happened ---------------------------------------------------------------------
 
@@ -252,6 +278,8 @@ class WebController:
                 self._proxy.ask(_status, self._heard)
             case StageChanged():
                 self._viewer.stage_changed(event)
+                if event.structure or event.visibility:
+                    self._tell("stage_changed", None)
                 self._ask_parameters()
             case SimulationStatus():
                 self._status = event
@@ -291,7 +319,9 @@ class WebController:
             if said != self._opened:
                 self._opened = said
                 self._tell_opened()
-        self._tell(
+        look = state.other
+        other = None if look is None else {"aov": look.aov, "time": look.time}
+        self._keep(
             "state",
             {
                 "camera": state.camera if isinstance(state.camera, str) else None,
@@ -305,13 +335,17 @@ class WebController:
                 "step": timeline.step,
                 "loops": timeline.loops,
                 "is_playing": timeline.is_playing,
+                "other": other,
+                "wipe": state.wipe,
+                "bookmarks": [each.name for each in viewer.bookmarks],
             },
         )
         settings = (state.look.settings, state.display)
         if settings != self._settings_told:
             self._settings_told = settings
             render = as_json(setting_editors(settings[0]))
-            self._tell("settings", {"render": render, "display": _editors(settings[1])})
+            display = as_json(editors_of(settings[1]))
+            self._tell("settings", {"render": render, "display": display})
         self._start_clock()
 
     def _start_clock(self) -> None:
@@ -327,12 +361,16 @@ class WebController:
     # --- telling ---------------------------------------------------------------------------
 
     def _tell(self, kind: str, content: Any) -> None:
-        if self._pages.holder is not None:
-            self._pages.holder.outbox.tell(kind, content)
+        for page in self._to or self._pages.present:
+            page.outbox.tell(kind, content)
+
+    def _keep(self, kind: str, content: Any) -> None:
+        for page in self._to or self._pages.present:
+            page.outbox.keep(kind, content)
 
     def _show(self, picture: Picture) -> None:
-        if self._pages.holder is not None:
-            self._pages.holder.outbox.show(picture)
+        for page in self._pages.present:
+            page.outbox.show(picture)
 
     def _tell_opened(self) -> None:
         if self._opened is not None:
@@ -345,19 +383,6 @@ def _beginning(document: Document) -> tuple[Opened, SimulationStatus]:
     simulation = document.simulation
     status = SimulationStatus(state="none") if simulation is None else simulation.status
     return document.opened(), status
-
-
-def _check_names_no_file(settings: RenderSettings) -> None:
-    """Raise an error for settings that would read a file of this machine's disks."""
-    config = settings.ocio_config
-    if config and not config.startswith("ocio://"):
-        raise UsageError(
-            "ocio_config", repr(config), "an ocio:// name; a file can only be set by $OCIO"
-        )
-
-
-def _editors(instance: Any) -> Any:
-    return as_json(editors_of(instance))
 
 
 def _status(document: Document) -> SimulationStatus:

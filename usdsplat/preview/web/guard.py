@@ -17,6 +17,8 @@ The port in Host may differ from ours: it does behind an SSH tunnel.
 
 from __future__ import annotations
 
+import base64
+import hashlib
 import hmac
 import ipaddress
 import re
@@ -33,12 +35,11 @@ _HOST = re.compile(r"(?P<name>\[[0-9a-f:.]+\]|[0-9a-z.-]+)(?P<port>:[0-9]{1,5})?
 _LOOPBACK = ("localhost", "127.0.0.1", "[::1]")
 _ANY = ("0.0.0.0", "::", "")
 
-HEADERS = (
-    (
-        "Content-Security-Policy",
-        "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; "
-        "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
-    ),
+_POLICY = (
+    "default-src 'none'; script-src {script}; style-src {style}; img-src 'self'; "
+    "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+)
+_OTHERS = (
     ("X-Content-Type-Options", "nosniff"),
     ("X-Frame-Options", "DENY"),
     ("Referrer-Policy", "no-referrer"),
@@ -46,7 +47,23 @@ HEADERS = (
     ("Cross-Origin-Opener-Policy", "same-origin"),
     ("Cache-Control", "no-store"),
 )
-"""Headers of every answer: no foreign content, no framing, no caching, no token in a Referer."""
+
+
+def headers_of(script: str = "", style: str = "") -> tuple[tuple[str, str], ...]:
+    """Return the headers of an answer: no foreign content, no framing, no caching, no token in a
+    Referer.
+
+    Args:
+        script, style: Text of the only script and style sheet that the answer may run: those inside
+            the page, known by their SHA-256. By default none may.
+    """
+    policy = _POLICY.format(script=_source(script), style=_source(style))
+    return (("Content-Security-Policy", policy), *_OTHERS)
+
+
+def _source(text: str) -> str:
+    digest = base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
+    return f"'sha256-{digest}'" if text else "'none'"
 
 
 class Headers(Protocol):

@@ -23,6 +23,7 @@ _LONG = 1024  # characters of a name, path or text; no real path is longer
 _DRAG = (-100.0, 100.0)
 _SPEED = (-8.0, 8.0)
 _PLACE = (0.0, float(MAX_SIDE))
+_TIME = (-1e9, 1e9)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -52,14 +53,14 @@ class Hello(_Size):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TakeOver(_Size):
-    """Take over the view that another page has."""
+    """Take control from the page that drives."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Acknowledge:
-    """A frame was shown; the next one may be sent."""
+    """A message with a part of a picture arrived; that with the last part was shown."""
 
-    number: int = knob(MISSING, "number of the picture", range=(0, 2**53))
+    message: int = knob(MISSING, "number of the message", range=(0, 2**53))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -135,7 +136,7 @@ class Advance:
 class SetTime:
     """Show a time."""
 
-    time: float = knob(MISSING, "time code", range=(-1e9, 1e9))
+    time: float = knob(MISSING, "time code", range=_TIME)
     is_scrubbing: bool = knob(False, "whether further times follow soon, until the drag ends")
 
 
@@ -143,8 +144,8 @@ class SetTime:
 class SetRange:
     """Set the range of playback."""
 
-    start: float = knob(MISSING, "first time code", range=(-1e9, 1e9))
-    end: float = knob(MISSING, "last time code", range=(-1e9, 1e9))
+    start: float = knob(MISSING, "first time code", range=_TIME)
+    end: float = knob(MISSING, "last time code", range=_TIME)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -178,6 +179,57 @@ class SetDisplay:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class SetOther:
+    """Compare with another look, right of the wipe; its settings stay as they are now."""
+
+    aov: str | None = knob(MISSING, "name of its AOV, as in files; None for no comparison")
+    time: float | None = knob(None, "its time code; None is that of the timeline", range=_TIME)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SetWipe:
+    """Move the wipe of a comparison."""
+
+    part: float = knob(MISSING, "its place, as a fraction of the width", range=(0.0, 1.0))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AddBookmark:
+    """Save the view as a bookmark, which lasts as long as the session."""
+
+    name: str = knob("", "name of the bookmark, replaced if it exists; empty for a new name")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RestoreBookmark:
+    """Restore the view of a bookmark."""
+
+    name: str = knob(MISSING, "name of the bookmark")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RemoveBookmark:
+    """Remove a bookmark."""
+
+    name: str = knob(MISSING, "name of the bookmark")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Select:
+    """Select a prim."""
+
+    path: str | None = knob(MISSING, "path of the prim; None for no selection")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SetVisible:
+    """Show or hide a prim, on the session layer."""
+
+    path: str = knob(MISSING, "path of the prim")
+    is_visible: bool = knob(MISSING, "whether it is visible")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class SetParameter:
     """Set a simulation parameter on the stage."""
 
@@ -201,6 +253,7 @@ class Pick:
     x: float = knob(MISSING, "distance from the left", unit="pixel", range=_PLACE)
     y: float = knob(MISSING, "distance from the top", unit="pixel", range=_PLACE)
     is_target: bool = knob(False, "whether the camera orbits the picked point from now on")
+    is_framed: bool = knob(False, "whether the picked prim is framed; without one, everything")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -218,10 +271,56 @@ class Reload:
     """Reload the files."""
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ListPrims:
+    """Request some children of a prim."""
+
+    path: str = knob("/", "path of the prim; / for the roots")
+    first: int = knob(0, "index of the first child", range=(0, 2**31))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SearchPrims:
+    """Request the prims whose name, path or type contains a text."""
+
+    text: str = knob(MISSING, "text; * and ? are wildcards")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Probe:
+    """Request the values of a pixel."""
+
+    x: float = knob(MISSING, "distance from the left", unit="pixel", range=_PLACE)
+    y: float = knob(MISSING, "distance from the top", unit="pixel", range=_PLACE)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Count:
+    """Request the histogram of the picture."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Screenshot:
+    """Request the view in full quality, as a PNG to download."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Record:
+    """Request the frames of the timeline's range, to download: a movie, or PNGs in a zip."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EndRecord:
+    """Stop recording; the frames so far are sent."""
+
+
+Look = ListPrims | SearchPrims | Probe | Count | Screenshot
+"""Messages that change nothing, which pages that only watch may send, too."""
 Message = (
     Hello | TakeOver | Acknowledge | Resize | Orbit | Pan | Dolly | LookAround | Fly | EndMove
     | Frame | UseCamera | Play | Advance | SetTime | SetRange | SetLoops | SetAov | SetSetting
-    | SetDisplay | SetParameter | Simulate | Pick | Undo | Redo | Reload
+    | SetDisplay | SetOther | SetWipe | AddBookmark | RestoreBookmark | RemoveBookmark | Select
+    | SetVisible | SetParameter | Simulate | Pick | Undo | Redo | Reload | Record | EndRecord | Look
 )  # fmt: skip
 
 

@@ -1,11 +1,14 @@
-"""Track the open pages, and which of them has the view.
+"""Track the open pages, and which of them drives.
 
-A session shows one view, so one page holds it. Another page is told that the view is in use and may
-take it over; then the previous holder is told the same and may take it back. A page that lost its
-connection reconnects under its own name and is let in at once.
+A session shows one view. One page drives it; the others watch: they get the same pictures and
+news, each as fast as its own link permits. A watching page may take control. When the driving page
+goes, the one that has watched the longest drives. A page that lost its connection reconnects under
+its own name, and drives again if no other page does.
 """
 
 from __future__ import annotations
+
+from itertools import count
 
 from usdsplat.preview.web.outbox import Outbox
 
@@ -16,7 +19,11 @@ class Page:
     def __init__(self) -> None:
         self.outbox = Outbox()
         self.name: str | None = None
-        """Name given by the page; None until it has said hello."""
+        """Name chosen by the page; None until it has said hello."""
+        self.number = 0
+        """Number by which people tell the pages apart, from 1."""
+        self.size = (16, 16)
+        """Width and height of its viewport [pixel]."""
 
 
 class Pages:
@@ -24,38 +31,57 @@ class Pages:
 
     def __init__(self) -> None:
         self._open: list[Page] = []
-        self.holder: Page | None = None
-        """The page that has the view."""
+        self.driver: Page | None = None
+        """The page that drives."""
 
     def __len__(self) -> int:
         return len(self._open)
+
+    @property
+    def present(self) -> tuple[Page, ...]:
+        """The pages that have said hello, in that order."""
+        return tuple(page for page in self._open if page.name is not None)
+
+    @property
+    def waiting(self) -> int:
+        """Bytes of the files that wait for their pages."""
+        return sum(page.outbox.stream.waiting for page in self._open)
 
     def enter(self, page: Page) -> None:
         """Add a page, which may not do anything yet."""
         self._open.append(page)
 
-    def greet(self, page: Page, name: str) -> bool:
-        """Give the view to a page that said its name, if the view is free or was its own."""
+    def greet(self, page: Page, name: str) -> None:
+        """Let a page drive that said its name, if no other does; else it watches."""
+        taken = {each.number for each in self.present}
+        page.number = page.number or next(each for each in count(1) if each not in taken)
         page.name = name
-        if self.holder is None or self.holder.name == name:
-            self.take_over(page)
-        else:
-            page.outbox.tell("in_use", None)
-        return self.holder is page
+        self._open.remove(page)
+        self._open.append(page)  # the order is that of greetings
+        if self.driver is None or self.driver.name == name:
+            self.driver = page
+        self.tell_seats()
 
     def take_over(self, page: Page) -> None:
-        """Give the view to a page, whoever had it."""
-        loser, self.holder = self.holder, page
-        if loser is not None and loser is not page:
-            loser.outbox.tell("in_use", None)
+        """Let a page drive, whoever did."""
+        self.driver = page
+        self.tell_seats()
 
-    def leave(self, page: Page) -> bool:
-        """Remove a page and return whether it had the view, which is now free."""
+    def leave(self, page: Page) -> None:
+        """Remove a page; if it drove, the one that has watched the longest drives."""
         self._open.remove(page)
-        if self.holder is not page:
-            return False
-        self.holder = None
-        for each in self._open:
-            if each.name is not None:
-                each.outbox.tell("free", None)
-        return True
+        if self.driver is page:
+            self.driver = next(iter(self.present), None)
+        self.tell_seats()
+
+    def tell_seats(self) -> None:
+        """Tell every page who drives and who watches."""
+        for page in self.present:
+            page.outbox.keep(
+                "seats",
+                {
+                    "you": page.number,
+                    "driver": None if self.driver is None else self.driver.number,
+                    "pages": len(self.present),
+                },
+            )

@@ -27,12 +27,13 @@ from websockets.http11 import Request, Response
 
 from usdsplat.core.errors import UsageError
 from usdsplat.preview.session import Session
+from usdsplat.preview.web.compression import TextDeflateFactory
 from usdsplat.preview.web.controller import WebController
 from usdsplat.preview.web.files import File, files
-from usdsplat.preview.web.frames import frame
-from usdsplat.preview.web.guard import HEADERS, SOCKET, Guard, Refusal, is_loopback, spoken
-from usdsplat.preview.web.messages import MAX_BYTES, Acknowledge, Hello, TakeOver, read
+from usdsplat.preview.web.guard import SOCKET, Guard, Refusal, is_loopback, spoken
+from usdsplat.preview.web.messages import MAX_BYTES, Acknowledge, Hello, read
 from usdsplat.preview.web.pages import Page, Pages
+from usdsplat.preview.web.stream import Order
 
 MOST_PAGES = 8
 """Most connections at a time."""
@@ -109,7 +110,8 @@ class Server:
                 "127.0.0.1" if self._host == "localhost" else self._host,
                 self._port,
                 process_request=lambda socket, request: _answer(guard, request),
-                compression=None,
+                compression=None,  # of images; that of text is an extension
+                extensions=[TextDeflateFactory()],
                 max_size=MAX_BYTES,
                 open_timeout=_HANDSHAKE,
                 close_timeout=_GOODBYE,
@@ -139,8 +141,7 @@ class Server:
             pass
         finally:
             writing.cancel()
-            if self._pages.leave(page):
-                controller.rest()
+            controller.leave(page)
 
     def _hear(self, page: Page, data: str | bytes, controller: WebController) -> None:
         """Handle one message. On any error, the page gets a sentence and the terminal no
@@ -148,19 +149,15 @@ class Server:
         try:
             message = read(data)
             if isinstance(message, Acknowledge):
-                page.outbox.acknowledged(message.number)
+                page.outbox.acknowledged(message.message)
             elif isinstance(message, Hello):
-                if self._pages.greet(page, message.page):
-                    controller.welcome(message.width, message.height)
+                page.size = message.width, message.height
+                self._pages.greet(page, message.page)
+                controller.welcome(page)
             elif page.name is None:
                 raise UsageError("message", "another message", "hello first")
-            elif isinstance(message, TakeOver):
-                self._pages.take_over(page)
-                controller.welcome(message.width, message.height)
-            elif page is not self._pages.holder:
-                page.outbox.tell("in_use", None)
             else:
-                controller.do(message)
+                controller.hear(page, message)
         except UsageError as error:
             page.outbox.tell("problem", str(error))
         except Exception:
@@ -225,22 +222,29 @@ def _answer(guard: Guard, request: Request) -> Response | None:
     if isinstance(name, Refusal):
         body = (name.sentence + "\n").encode()
         return _response(name.status, File(content_type="text/plain; charset=utf-8", body=body))
-    return None if name == SOCKET else _response(HTTPStatus.OK, files()[name])
+    if name == SOCKET:
+        return None
+    accepted = ",".join(request.headers.get_all("Accept-Encoding"))
+    names = {each.strip().lower() for each in accepted.split(",")}
+    return _response(HTTPStatus.OK, files()[name], is_packed="gzip" in names)
 
 
-def _response(status: HTTPStatus, file: File) -> Response:
+def _response(status: HTTPStatus, file: File, *, is_packed: bool = False) -> Response:
+    body = file.packed if is_packed else file.body
     headers = Headers(
         [
             ("Date", formatdate(usegmt=True)),
             ("Connection", "close"),
-            ("Content-Length", str(len(file.body))),
+            ("Content-Length", str(len(body))),
             ("Content-Type", file.content_type),
-            *HEADERS,
+            *file.headers,
         ]
     )
+    if is_packed:
+        headers["Content-Encoding"] = "gzip"
     if status is HTTPStatus.METHOD_NOT_ALLOWED:
         headers["Allow"] = "GET"
-    return Response(status.value, status.phrase, headers, file.body)
+    return Response(status.value, status.phrase, headers, body)
 
 
 async def _write(socket: ServerConnection, page: Page) -> None:
@@ -250,9 +254,11 @@ async def _write(socket: ServerConnection, page: Page) -> None:
             news, picture = await page.outbox.taken()
             for text in news:
                 await socket.send(text)
-            if picture is not None:
+            if isinstance(picture, Order):
                 # encoding takes as long as drawing a small picture, and releases the GIL
-                await socket.send(await asyncio.to_thread(frame, picture))
+                page.outbox.stream.take(picture, await asyncio.to_thread(picture.encoded))
+            elif picture is not None:
+                await socket.send(picture)
     except ConnectionClosed:
         pass
     except Exception:  # the page must reconnect

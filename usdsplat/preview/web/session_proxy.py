@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import threading
+from collections import Counter
 from collections.abc import Callable
 from typing import Any, TypeVar
 
@@ -20,7 +21,7 @@ from usdsplat.preview.values import Event, Picture, Problem, ViewState
 T = TypeVar("T")
 
 MOST = 64
-"""Requests that may wait for answers."""
+"""Requests of one asker that may wait for answers."""
 
 
 class SessionProxy:
@@ -38,14 +39,13 @@ class SessionProxy:
         self._lock = threading.Lock()
         self._is_closed = False
         self._latest: Picture | None = None
-        self._asked = 0
+        self._asked: Counter[object] = Counter()
         self._keys: dict[str, LatestRequest] = {}
         self._stop_listening = session.listen(self._happened)
 
-    @property
-    def is_overrun(self) -> bool:
-        """Whether too many requests wait for answers."""
-        return self._asked >= MOST
+    def is_overrun(self, asker: object = None) -> bool:
+        """Return whether too many requests of an asker wait for answers."""
+        return self._asked[asker] >= MOST
 
     def look(self, state: ViewState) -> None:
         """Request a view from the session."""
@@ -58,6 +58,7 @@ class SessionProxy:
         failed: Callable[[UsdSplatError], None] | None = None,
         *,
         key: str | None = None,
+        asker: object = None,
     ) -> None:
         """Run a task on the document; `done` or `failed` is called in this thread.
 
@@ -66,16 +67,17 @@ class SessionProxy:
             done: Called with the task's result.
             failed: Called with its error; by default the error is reported as a `Problem`.
             key: Key of requests of which only the latest matters.
+            asker: Who asks; the requests of each are counted apart.
         """
         if key is not None:
             self._keys = {name: each for name, each in self._keys.items() if each.is_busy}
-            self._keys.setdefault(key, LatestRequest(self)).ask(task, done, failed)
+            self._keys.setdefault(key, LatestRequest(_Asker(self, asker))).ask(task, done, failed)
             return
-        self._asked += 1
+        self._asked[asker] += 1
         self._session.ask(
             task,
-            lambda result: self._post(self._answered, done, result),
-            lambda error: self._post(self._answered, failed or self.complain, error),
+            lambda result: self._post(self._answered, asker, done, result),
+            lambda error: self._post(self._answered, asker, failed or self.complain, error),
         )
 
     def complain(self, error: UsdSplatError) -> None:
@@ -90,8 +92,10 @@ class SessionProxy:
 
     # --- in the server's thread ------------------------------------------------------------
 
-    def _answered(self, call: Callable[[Any], None], result: Any) -> None:
-        self._asked -= 1
+    def _answered(self, asker: object, call: Callable[[Any], None], result: Any) -> None:
+        self._asked[asker] -= 1
+        if not self._asked[asker]:
+            del self._asked[asker]  # pages come and go
         call(result)
 
     def _deliver_picture(self) -> None:
@@ -115,3 +119,20 @@ class SessionProxy:
         with self._lock:  # a loop that closes meanwhile would raise
             if not self._is_closed:
                 self._loop.call_soon_threadsafe(call, *arguments)
+
+
+class _Asker:
+    """The proxy as one asker sees it."""
+
+    def __init__(self, proxy: SessionProxy, asker: object) -> None:
+        self._proxy, self._name = proxy, asker
+        self.look, self.complain = proxy.look, proxy.complain
+
+    def ask(
+        self,
+        task: Callable[[Document], Any],
+        done: Callable[[Any], None],
+        failed: Callable[[UsdSplatError], None] | None = None,
+    ) -> None:
+        """Run a task on the document for this asker."""
+        self._proxy.ask(task, done, failed, asker=self._name)

@@ -12,12 +12,16 @@ export class Connection {
   /**
    * @param {{open: () => object, message: (type: string, content: any) => void,
    *          frame: (header: object, image: Blob) => Promise<void>,
+   *          file: (name: string, content: Blob) => void,
    *          state: (isOpen: boolean) => void}} listener `open` gives the size to say hello with.
    */
   constructor(listener) {
     this.listener = listener;
     this.page = pageName();
     this.tries = 0;
+    this.parts = null;
+    this.pieces = [];
+    this.shown = Promise.resolve();
     this.connect();
   }
 
@@ -33,21 +37,22 @@ export class Connection {
   connect() {
     const url = new URL("socket", location.href);
     url.protocol = "ws:";
-    this.socket = new WebSocket(url);
-    this.socket.binaryType = "arraybuffer";
-    this.socket.onopen = () => {
+    const socket = new WebSocket(url);
+    this.socket = socket;
+    socket.binaryType = "arraybuffer";
+    socket.onopen = () => {
       this.tries = 0;
       this.send("hello", { page: this.page, ...this.listener.open() });
       this.listener.state(true);
     };
-    this.socket.onmessage = (event) => this.receive(event.data);
-    this.socket.onclose = () => {
+    socket.onmessage = (event) => this.receive(event.data, socket);
+    socket.onclose = () => {
       this.listener.state(false);
       setTimeout(() => this.connect(), PATIENCE[Math.min(this.tries++, PATIENCE.length - 1)]);
     };
   }
 
-  async receive(data) {
+  receive(data, socket) {
     if (typeof data === "string") {
       const { type, content } = JSON.parse(data);
       this.listener.message(type, content);
@@ -55,11 +60,36 @@ export class Connection {
     }
     const length = new DataView(data).getUint32(0);
     const header = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 4, length)));
-    const image = new Blob([new Uint8Array(data, 4 + length)], { type: header.encoding });
-    try {
-      await this.listener.frame(header, image);
-    } finally {
-      this.send("acknowledge", { number: header.number });
+    // each connection has its own numbers, and a picture may be decoded after it was lost
+    const acknowledge = () => {
+      if (socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify({ type: "acknowledge", message: header.message }));
+    };
+    if (header.file) {
+      this.receiveFile(header, new Uint8Array(data, 4 + length));
+      acknowledge();
+      return;
     }
+    if (header.part === 0) this.parts = { header, pieces: [] }; // a newer picture ends one that is not complete
+    this.parts.pieces.push(new Uint8Array(data, 4 + length));
+    if (header.part < header.parts - 1) {
+      acknowledge();
+      return;
+    }
+    const { header: about, pieces } = this.parts;
+    const image = new Blob(pieces, { type: about.encoding });
+    // one after the other: images are decoded in other threads, and a small one would overtake
+    this.shown = this.shown.then(() => this.listener.frame(about, image)).finally(acknowledge).catch(report);
   }
+
+  receiveFile(header, piece) {
+    if (header.is_first) this.pieces = [];
+    this.pieces.push(piece);
+    if (!header.is_last) return;
+    this.listener.file(header.file, new Blob(this.pieces, { type: header.encoding }));
+    this.pieces = [];
+  }
+}
+
+function report(error) {
+  console.error(error);
 }

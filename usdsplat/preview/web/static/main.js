@@ -1,7 +1,11 @@
 // Assembles the page: passes server messages to the controls, and user actions to the server.
 
+import { Compare } from "./compare.js";
 import { Connection } from "./connection.js";
+import { listen } from "./keys.js";
 import { Knobs, made, short } from "./knobs.js";
+import { Prims } from "./prims.js";
+import { Histogram, Probe } from "./probe.js";
 import { Timeline } from "./timeline.js";
 import { Viewport } from "./viewport.js";
 
@@ -9,13 +13,23 @@ const at = (id) => document.getElementById(id);
 const FREE = "free camera";
 const ALL = "frame everything";
 
+const SMALL = matchMedia("(max-width: 760px)"); // as in style.css
+
 const send = (type, members) => connection.send(type, members);
+showPanels(!SMALL.matches); // before the viewport is measured
 const viewport = new Viewport(at("viewport"), at("picture"), send);
 const timeline = new Timeline(send);
+const compare = new Compare(viewport, send);
+const prims = new Prims(at("prims"), at("prims-search"), send);
+const probe = new Probe(at("probe-panel"), at("swatch"), at("probed"), send);
+const histogram = new Histogram(at("histogram-panel"), at("histogram"), send);
+viewport.hovered = (place) => probe.follow(place);
 const display = new Knobs(at("display"), (name, value) => send("set_display", { name, value }));
 const render = new Knobs(at("render"), (name, value) => send("set_setting", { name, value }));
 const parameters = new Map();
 let frames = null;
+let openedName = null;
+let bookmarks = [];
 
 const heard = {
   opened({ name, cameras, aovs, has_simulation }) {
@@ -31,6 +45,9 @@ const heard = {
       option.title = aov.meaning;
       return option;
     }));
+    compare.offer(aovs);
+    if (name !== openedName) prims.reset(); // a new structure alone comes as stage_changed
+    openedName = name;
     at("simulation-panel").hidden = !has_simulation;
     at("picked").replaceChildren(made("p", { className: "quiet", textContent: "Click a splat or a mesh." }));
   },
@@ -39,6 +56,18 @@ const heard = {
     at("aov").value = state.aov;
     timeline.show(state);
     timeline.mark(frames);
+    compare.show(state);
+    prims.select(state.selected);
+    showBookmarks(state.bookmarks);
+  },
+  prims: (rows) => prims.show(rows),
+  found: (found) => prims.showFound(found),
+  probed: (probed) => probe.show(probed),
+  histogram: (counts) => histogram.show(counts),
+  stage_changed: () => prims.refresh(),
+  recording(progress) {
+    at("record").textContent = progress ? `Stop (${progress})` : "Record";
+    at("record").setAttribute("aria-pressed", Boolean(progress));
   },
   settings(content) {
     display.show(content.display);
@@ -70,15 +99,9 @@ const heard = {
     at("busy").textContent = sentence;
     setTimeout(() => { if (at("busy").textContent === sentence) at("busy").hidden = true; }, 3000);
   },
-  in_use() {
-    at("in-use").hidden = false;
-    at("in-use-text").textContent = "One page at a time moves about. You can take over; that page can take back.";
-  },
-  free() {
-    at("in-use-text").textContent = "It has been closed.";
-  },
-  welcome() {
-    at("in-use").hidden = true;
+  seats: showSeats,
+  watching() { // answers an action that only the driving page may do
+    at("seats").classList.add("nudged");
   },
 };
 
@@ -88,13 +111,48 @@ const connection = new Connection({
   async frame(header, image) {
     await viewport.show(header, image);
     showHud(header);
+    if (header.is_final) histogram.refresh();
+  },
+  file(name, blob) {
+    const link = made("a", { href: URL.createObjectURL(blob), download: name });
+    link.click();
+    setTimeout(() => URL.revokeObjectURL(link.href), 60000);
   },
   state(isOpen) {
     at("connection").hidden = isOpen;
     at("connection").textContent = "Connection lost. Trying again…";
     document.body.dataset.connected = isOpen;
+    probe.forget();
+    prims.forget();
+    openedName = null;
   },
 });
+
+function showBookmarks(names) {
+  if (names.join("\n") === bookmarks.join("\n")) return;
+  bookmarks = names;
+  at("bookmarks").replaceChildren(...names.map((name) => {
+    const item = made("li");
+    const restore = made("button", { type: "button", textContent: name, className: "grows" });
+    restore.addEventListener("click", () => send("restore_bookmark", { name }));
+    const remove = made("button", { type: "button", textContent: "×", ariaLabel: `Remove ${name}` });
+    remove.addEventListener("click", () => send("remove_bookmark", { name }));
+    item.append(restore, remove);
+    return item;
+  }));
+}
+
+function showSeats({ you, driver, pages }) {
+  const drives = you === driver;
+  const others = pages - 1;
+  document.body.dataset.drives = drives;
+  at("seats").hidden = others === 0;
+  at("seats").firstElementChild.textContent = drives
+    ? `You drive as viewer ${you}; ${others === 1 ? "another viewer watches" : `${others} others watch`}.`
+    : `You watch as viewer ${you}; viewer ${driver} drives.`;
+  at("take-control").hidden = drives;
+  for (const element of document.querySelectorAll("[data-driver]")) element.inert = !drives;
+}
 
 function told(status) {
   const parts = [status.state];
@@ -109,7 +167,7 @@ function showHud(header) {
   const { total, ...stages } = header.milliseconds;
   const reading = header.missing ? ` · reading ${count(header.missing)} nodes` : "";
   at("counts").textContent = `${count(header.splats)} of ${count(header.total)} splats${reading}`;
-  const quality = header.is_final ? "full" : header.scale > 1 ? `1 : ${short(header.scale)}` : "coarse";
+  const quality = header.is_final ? "full" : header.is_sharp ? "sharp" : header.scale > 1 ? `1 : ${short(header.scale)}` : "coarse";
   const size = ` · ${header.width} × ${header.height}, ${quality}`;
   const rate = viewport.rate ? ` · ${viewport.rate.toFixed(0)} fps` : "";
   at("speed").textContent = `${(total ?? 0).toFixed(0)} ms${rate}${size}`;
@@ -164,28 +222,51 @@ at("frame").addEventListener("click", () => send("frame"));
 at("undo").addEventListener("click", () => send("undo"));
 at("redo").addEventListener("click", () => send("redo"));
 at("reload").addEventListener("click", () => send("reload"));
-at("take-over").addEventListener("click", () => send("take_over", viewport.size));
+at("take-control").addEventListener("click", () => send("take_over", viewport.size));
 at("problem").querySelector("button").addEventListener("click", () => { at("problem").hidden = true; });
+at("seats").addEventListener("animationend", () => at("seats").classList.remove("nudged"));
 for (const action of ["run", "pause", "step", "reset"]) {
   at(`simulation-${action}`).addEventListener("click", () => send("simulate", { action }));
 }
-at("panels-shown").addEventListener("click", () => {
-  at("panels").hidden = !at("panels").hidden;
-  at("panels-shown").ariaExpanded = String(!at("panels").hidden);
-});
+function showPanels(isShown) {
+  at("panels").hidden = !isShown;
+  at("panels-shown").ariaExpanded = String(isShown);
+  document.body.dataset.panels = isShown ? "shown" : "hidden";
+}
+at("panels-shown").addEventListener("click", () => showPanels(at("panels").hidden));
 
-document.addEventListener("keydown", (event) => {
-  const isMenu = event.ctrlKey || event.metaKey;
-  const isControl = event.target.matches("button, select, input, summary");
-  if (isMenu && event.code === "KeyZ") send(event.shiftKey ? "redo" : "undo");
-  else if (isMenu || event.altKey) return;
-  else if (event.code === "KeyF") send("frame", { everything: event.shiftKey });
-  else if (isControl) return; // controls handle these keys themselves
-  else if (event.code === "Space") timeline.toggle();
-  else if (event.code === "ArrowLeft") send("advance", { frames: -1 });
-  else if (event.code === "ArrowRight") send("advance", { frames: 1 });
-  else if (event.code === "Home") send("set_time", { time: timeline.state.start });
-  else if (event.code === "End") send("set_time", { time: timeline.state.end });
-  else return;
+
+at("bookmark-add").addEventListener("submit", (event) => {
   event.preventDefault();
+  send("add_bookmark", { name: at("bookmark-name").value.trim() });
+  at("bookmark-name").value = "";
 });
+at("bookmark-name").addEventListener("keydown", (event) => event.stopPropagation());
+at("screenshot").addEventListener("click", () => send("screenshot"));
+at("record").addEventListener("click", () => {
+  send(at("record").getAttribute("aria-pressed") === "true" ? "end_record" : "record");
+});
+at("help-shown").addEventListener("click", () => at("help").showModal());
+at("help").querySelector("button").addEventListener("click", () => at("help").close());
+
+function stepAov(by) {
+  const options = at("aov").options;
+  const next = (at("aov").selectedIndex + by + options.length) % options.length;
+  send("set_aov", { name: options[next].value });
+}
+
+listen([
+  { keys: "F, Shift-F", codes: ["KeyF"], text: "frame the selection, or everything", isGlobal: true, run: (event) => send("frame", { everything: event.shiftKey }) },
+  { keys: "Space", codes: ["Space"], text: "play or stop", run: () => timeline.toggle() },
+  { keys: "←", codes: ["ArrowLeft"], text: "one frame back", run: () => send("advance", { frames: -1 }) },
+  { keys: "→", codes: ["ArrowRight"], text: "one frame on", run: () => send("advance", { frames: 1 }) },
+  { keys: "Home", codes: ["Home"], text: "first frame", run: () => send("set_time", { time: timeline.state.start }) },
+  { keys: "End", codes: ["End"], text: "last frame", run: () => send("set_time", { time: timeline.state.end }) },
+  { keys: "[", codes: ["BracketLeft"], text: "previous AOV", run: () => stepAov(-1) },
+  { keys: "]", codes: ["BracketRight"], text: "next AOV", run: () => stepAov(1) },
+  { keys: "Shift-C", codes: ["KeyC"], shift: true, text: "compare A | B", run: () => compare.toggle() },
+  { keys: "Ctrl-B", codes: ["KeyB"], text: "bookmark this view", isMenu: true, run: () => send("add_bookmark") },
+  { keys: "Ctrl-Z", codes: ["KeyZ"], shift: false, text: "undo", isMenu: true, run: () => send("undo") },
+  { keys: "Shift-Ctrl-Z", codes: ["KeyZ"], shift: true, text: "redo", isMenu: true, run: () => send("redo") },
+  { keys: "F1, ?", codes: ["F1", "Slash"], text: "this table", run: () => at("help").showModal() },
+], at("help"));

@@ -3,6 +3,8 @@
 const MOST_RATIO = 2; // most device pixels per CSS pixel that are worth their time
 const MOST_PIXELS = 2560 * 1600;
 const CLICK = 4; // CSS pixels that the pointer may move during a click
+const TAP = 10; // the same of a finger
+const TWICE = [350, 32]; // ms and CSS pixels between the taps of a double tap
 const REST = 180; // ms after the last wheel event
 const FAST = 4; // speed factor with Shift
 const FLIGHT = {
@@ -22,6 +24,11 @@ export class Viewport {
     this.pending = new Map();
     this.size = this.measured();
     this.times = [];
+    this.shown = null; // width and height of the shown picture's viewport, which is the driver's
+    /** Called when the picture's place in the element may have changed. */
+    this.placed = () => {};
+    /** Called with the place of a pointer over the picture, and of a tap. */
+    this.hovered = () => {};
     new ResizeObserver(() => this.resized()).observe(element);
     this.listen();
   }
@@ -37,6 +44,8 @@ export class Viewport {
     bitmap.close();
     this.canvas.dataset.number = header.number;
     this.canvas.dataset.final = header.is_final;
+    this.shown = header.viewport;
+    this.placed();
     const now = performance.now();
     this.times = [...this.times.filter((time) => now - time < 1000), now];
   }
@@ -59,6 +68,7 @@ export class Viewport {
   }
 
   resized() {
+    this.placed();
     const size = this.measured();
     if (size.width === this.size.width && size.height === this.size.height) return;
     this.size = size;
@@ -95,14 +105,37 @@ export class Viewport {
     this.move("dolly", { factor: Math.min(Math.max(Math.exp(amount), 0.05), 20) });
   }
 
-  /** Position of a pointer, in viewport pixels from the upper left. */
-  place(event) {
-    const box = this.element.getBoundingClientRect();
-    const clamp = (part, size) => Math.min(Math.max(part, 0), 1 - 1e-6) * size;
+  /** The rectangle of the picture in the element, which it fills in one direction [CSS pixel]. */
+  get content() {
+    const { clientWidth, clientHeight } = this.element;
+    const [width, height] = this.shown ?? [clientWidth, clientHeight];
+    const factor = Math.min(clientWidth / width, clientHeight / height);
     return {
-      x: clamp((event.clientX - box.left) / box.width, this.size.width),
-      y: clamp((event.clientY - box.top) / box.height, this.size.height),
+      left: (clientWidth - factor * width) / 2, top: (clientHeight - factor * height) / 2,
+      width: factor * width, height: factor * height,
     };
+  }
+
+  /** Position of a pointer in the shown picture, in pixels of its viewport from the upper left;
+   *  null beside it. */
+  place(event) {
+    if (!this.shown) return null;
+    const box = this.element.getBoundingClientRect();
+    const { left, top, width, height } = this.content;
+    const [x, y] = [event.clientX - box.left - left, event.clientY - box.top - top];
+    if (x < -CLICK || y < -CLICK || x > width + CLICK || y > height + CLICK) return null;
+    const clamp = (part, size) => Math.min(Math.max(part, 0), 1 - 1e-6) * size;
+    return { x: clamp(x / width, this.shown[0]), y: clamp(y / height, this.shown[1]) };
+  }
+
+  pick(event, members) {
+    const place = this.place(event);
+    if (place) this.send("pick", { ...place, ...members });
+  }
+
+  hover(event) {
+    const place = this.place(event);
+    if (place) this.hovered(place);
   }
 
   listen() {
@@ -113,7 +146,7 @@ export class Viewport {
     canvas.addEventListener("pointercancel", (event) => this.released(event));
     canvas.addEventListener("contextmenu", (event) => event.preventDefault());
     canvas.addEventListener("dblclick", (event) => {
-      this.send("pick", { ...this.place(event), is_target: true });
+      if (!this.isTouch) this.pick(event, { is_target: true });
     });
     canvas.addEventListener("wheel", (event) => this.wheeled(event), { passive: false });
     canvas.addEventListener("keydown", (event) => this.keyed(event));
@@ -132,17 +165,21 @@ export class Viewport {
     }
     this.start = { x: event.clientX, y: event.clientY };
     this.hasMoved = false;
+    this.isTouch = event.pointerType === "touch";
     this.way = wayOf(event);
   }
 
   moved(event) {
     const last = this.pointers.get(event.pointerId);
-    if (!last) return;
+    if (!last) {
+      this.hover(event);
+      return;
+    }
     if (this.pointers.size === 2) {
       this.pinched(event, last);
     } else if (this.pointers.size === 1) {
       const far = Math.hypot(event.clientX - this.start.x, event.clientY - this.start.y);
-      if (!this.hasMoved && far < CLICK) return;
+      if (!this.hasMoved && far < (this.isTouch ? TAP : CLICK)) return;
       this.hasMoved = true;
       const [dx, dy] = [event.clientX - last.x, event.clientY - last.y];
       if (this.way === "dolly") this.dolly((dx + dy) / -250);
@@ -164,8 +201,19 @@ export class Viewport {
     if (!this.pointers.delete(event.pointerId) || this.pointers.size) return;
     if (this.hasMoved) this.rest();
     else if (event.type === "pointerup" && event.button === 0 && !event.altKey) {
-      this.send("pick", this.place(event));
+      if (this.isTouch) this.hover(event);
+      this.pick(event, { is_framed: this.isTouch && this.isSecondTap(event) });
     }
+  }
+
+  /** Whether a tap is the second of a double tap. */
+  isSecondTap(event) {
+    const [time, distance] = TWICE;
+    const last = this.tapped;
+    const isSecond = last !== undefined && event.timeStamp - last.time < time
+      && Math.hypot(event.clientX - last.x, event.clientY - last.y) < distance;
+    this.tapped = isSecond ? undefined : { time: event.timeStamp, x: event.clientX, y: event.clientY };
+    return isSecond;
   }
 
   wheeled(event) {
