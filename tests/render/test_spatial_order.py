@@ -28,6 +28,22 @@ def test_a_cloud_is_laid_out_the_second_time_it_is_drawn():
     assert [spatial_order.of(device, few).rows.size for _ in range(3)] == [0, 0, 0]
 
 
+def test_the_orders_of_a_view_at_rest_and_of_its_movements_are_kept():
+    """Oracle: identity, written down by hand: the last splats and the most keep their order, so
+    that a change of the budget costs one order and a movement none."""
+    device, most = open_device("cpu"), random_cloud(1, n=2 * LEAST)
+    some, fewer = (random_cloud(seed, n=LEAST + seed) for seed in (2, 3))
+    spatial_order = SpatialOrder()
+    of = lambda cloud: [spatial_order.of(device, cloud) for _ in range(2)][1]  # noqa: E731
+    whole, part = of(most), of(some)
+    assert spatial_order.of(device, most) is whole and spatial_order.is_made
+    assert spatial_order.of(device, some) is part
+    assert spatial_order.of(device, fewer).rows.size == 0 and not spatial_order.is_made
+    assert spatial_order.of(device, most) is whole
+    spatial_order.forget()
+    assert spatial_order.of(device, most).rows.size == 0
+
+
 def test_rows_say_where_each_splat_was():
     """Oracle: NumPy's own indexing; strays and what is nowhere are there too."""
     cloud = random_cloud(3, n=LEAST + 77)

@@ -21,8 +21,9 @@ from usdsplat.kernels.device import CpuDevice
 from usdsplat.preview import boxes
 from usdsplat.preview.compiling import telling
 from usdsplat.preview.display import Display
-from usdsplat.preview.drawing import Drawing, Shown
+from usdsplat.preview.drawing import Drawing, wanted_always
 from usdsplat.preview.scenes import Scenes
+from usdsplat.preview.sides import Shown
 from usdsplat.preview.sources import Sources
 from usdsplat.preview.stage_model.edits import Edits
 from usdsplat.preview.values import Event, Opened, StageChanged, ViewState
@@ -101,7 +102,7 @@ class Document:
                 axes_are_assumed=self._axes("frame_source") == "assumed",
             )
 
-    def draw(self, state: ViewState) -> bool:
+    def draw(self, state: ViewState, is_wanted: Callable[[], bool] = wanted_always) -> bool:
         """Draw a new picture and publish it.
 
         A picture does not wait for the nodes of splat trees: `wake` is called when some were read,
@@ -109,8 +110,14 @@ class Document:
 
         Edits of the stage since the last call are published first, once.
 
+        Args:
+            state: State of the viewport.
+            is_wanted: Called between the stages of the picture; False ends it, and nothing is
+                published.
+
         Returns:
-            Whether to call this again at once, for a picture of higher quality.
+            Whether to call this again at once, for a picture of higher quality, or to prepare the
+            next movement.
 
         Raises:
             UsdSplatError: If the state cannot be drawn.
@@ -121,11 +128,13 @@ class Document:
                 self.simulation.look()
             self.publish(change)
         with telling(self.publish):
-            picture = self._drawing.draw(state, self.lock, self._outlines)
+            picture = self._drawing.draw(state, self.lock, self._outlines, is_wanted=is_wanted)
         if picture is None:
             return False
         self.publish(picture)
-        return not (picture.is_final or state.is_moving)
+        if picture.is_final:
+            return not self._drawing.is_prepared
+        return not state.is_moving
 
     def still(self, state: ViewState) -> Shown:
         """Return a full-quality picture of a state without publishing it.

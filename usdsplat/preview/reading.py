@@ -10,7 +10,7 @@ import numpy as np
 
 from usdsplat.delegate.render_buffer import Pixels
 from usdsplat.preview.document import Document
-from usdsplat.preview.drawing import Side
+from usdsplat.preview.sides import Side
 from usdsplat.render.specs import Framing, View
 
 Vector = tuple[float, float, float]

@@ -20,7 +20,7 @@ from usdsplat.images.layout import Metadata
 from usdsplat.interchange.files import check_not_input, layer_files
 from usdsplat.preview.camera import FreeCamera
 from usdsplat.preview.document import Document
-from usdsplat.preview.drawing import Shown, Side
+from usdsplat.preview.sides import Shown, Side
 from usdsplat.preview.sources import files_of_capture
 from usdsplat.preview.values import DisplaySettings, ViewState
 from usdsplat.products import movie

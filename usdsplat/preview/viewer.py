@@ -348,6 +348,7 @@ class Viewer:
     def place(self, matrix: Matrix) -> None:
         """Set the local-to-world matrix of the last selected prim, on the session layer."""
         self._placing.move(matrix, self.state.time)
+        self._see(is_moving=True)
 
     # --- private ---------------------------------------------------------------------------
 
