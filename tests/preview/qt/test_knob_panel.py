@@ -197,3 +197,17 @@ def test_a_tool_tip_says_what_a_value_is() -> None:
 
 def _with(editor: Editor, **changes: Any) -> Editor:
     return replace(editor, **changes)
+
+
+def test_a_value_that_none_can_have_is_told_in_place_of_another_one() -> None:
+    """Oracle: what the row shows: no field with the default, which the stage does not have, but the
+    sentence; the reset button authors the default, and the field is back."""
+    wrong = replace(EXPOSURE, value=0.0, problem="/Sim.exposure: found 99, expected -16 to 16")
+    panel = Panel(wrong)
+    row = panel.row("exposure")
+    assert not row.widget.isVisible() and row.problem.isVisible()
+    assert row.problem.text().startswith("found 99") and row.problem.toolTip() == wrong.problem
+    QTest.mouseClick(row.reset, LEFT)
+    assert panel.changes == [("exposure", 0.0, "")]
+    panel.show_editors([replace(EXPOSURE, value=0.0)])
+    assert row.widget.isVisible() and not row.problem.isVisible()

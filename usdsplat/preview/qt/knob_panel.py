@@ -169,6 +169,8 @@ class KnobRow(QWidget):
         self.widget = make_widget(editor)
         self.widget.changed.connect(lambda value, key: self.changed.emit(editor.name, value, key))
         self.widget.refused.connect(self.refused)
+        self.problem = ElidedLabel()
+        self.problem.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
         self.reset = QToolButton()
         self.reset.setIcon(glyph("reset"))
         self.reset.setFixedSize(18, 18)
@@ -182,18 +184,24 @@ class KnobRow(QWidget):
         line.setSpacing(6)
         line.addWidget(self._label)
         line.addWidget(self.widget, 1)
+        line.addWidget(self.problem, 1)
         line.addWidget(self.reset)
         self.setMinimumHeight(style.ROW)
         self.show_editor(editor)
 
     def show_editor(self, editor: Editor) -> None:
-        """Show the current value."""
+        """Show the current value, or why the stage's value is none."""
         self._editor = editor
         self._label.show_text(editor.label, role="animated" if editor.is_animated else "quiet")
         self.setToolTip(tool_tip(editor))
         self.reset.setToolTip(f"Back to {value_text(editor, editor.default)}")
-        self.reset.setVisible(editor.value != editor.default and not editor.is_read_only)
+        is_other = editor.value != editor.default or bool(editor.problem)
+        self.reset.setVisible(is_other and not editor.is_read_only)
         self.widget.show_editor(editor)
+        self.widget.setVisible(not editor.problem)
+        self.problem.setVisible(bool(editor.problem))
+        self.problem.setToolTip(editor.problem)
+        self.problem.show_text(editor.problem.partition(": ")[2], role="wrong")
 
 
 class ElidedLabel(QLabel):

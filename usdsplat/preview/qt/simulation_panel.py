@@ -57,6 +57,8 @@ class SimulationPanel(QWidget):
         self._context = context
         self.status = SimulationStatus(state="none")
         self._prims: tuple[ParameterPrim, ...] = ()
+        self._time: float | None = None
+        """Time of the values that are shown or asked for."""
         self._question = Question(self, self._ask)
         self.run = _button("play", "Run", self.toggle)
         self.step = _button("step on", "Step", lambda: self._command("step"))
@@ -201,7 +203,7 @@ class SimulationPanel(QWidget):
             done()
             self._show_prims(prims)
 
-        time = self._context.time
+        self._time = time = self._context.time
         self._context.proxy.ask(
             lambda document: parameters.editors(document.stage, time=time),
             answered,
@@ -239,7 +241,10 @@ class SimulationPanel(QWidget):
             self._context.viewer.select((prim.path,))
 
     def _follow(self) -> None:
-        """Show the parameters of a prim that was selected elsewhere."""
+        """Show the values at the time, and the parameters of a prim that was selected elsewhere."""
+        if self._context.time != self._time:
+            self._time = self._context.time
+            self._question.refresh()
         paths = [prim.path for prim in self._prims]
         if self._context.selected in paths:
             self.prims.setCurrentRow(paths.index(self._context.selected))
@@ -247,7 +252,11 @@ class SimulationPanel(QWidget):
     def _set(self, name: str, value: Any, merge: str) -> None:
         prim = self._chosen()
         if prim is not None:
-            step = partial(_set, path=prim.path, name=name, value=value, merge=merge or None)
+            is_animated = any(each.is_animated for each in prim.editors if each.name == name)
+            time = self._context.time if is_animated else None
+            step = partial(
+                _set, path=prim.path, name=name, value=value, time=time, merge=merge or None
+            )
             drag = f"{prim.path} {name} {merge}" if merge else ""
             self._context.edit(step, failed=lambda: self._question.refresh(at_once=True), drag=drag)
             self._question.refresh()
@@ -279,5 +288,7 @@ def _record(document: Document, *, path: Path, existing: Existing) -> None:
     _simulation(document).record(path, existing=existing)
 
 
-def _set(edits: Edits, *, path: str, name: str, value: Any, merge: str | None) -> None:
-    parameters.set_parameter(edits, path, name, value, merge=merge)
+def _set(
+    edits: Edits, *, path: str, name: str, value: Any, time: float | None, merge: str | None
+) -> None:
+    parameters.set_parameter(edits, path, name, value, time=time, merge=merge)
