@@ -57,6 +57,8 @@ class Editor:
     """Whether the value is authored, rather than the default."""
     is_read_only: bool = False
     """Whether it cannot be edited."""
+    is_main: bool = True
+    """Whether it is of use to most people; panels show others on demand."""
     problem: str = ""
     """Why the authored value is not `value`, a sentence; "" without a problem."""
 

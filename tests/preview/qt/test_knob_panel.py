@@ -11,7 +11,7 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QCheckBox, QComboBox, QLineEdit, QSlider
 
 from usdsplat.preview.knob_model import Editor
-from usdsplat.preview.qt.knob_panel import KnobPanel, tool_tip
+from usdsplat.preview.qt.knob_panel import KnobPanel, KnobRow, tool_tip
 
 LEFT = Qt.MouseButton.LeftButton
 EXPOSURE = Editor(
@@ -197,6 +197,31 @@ def test_a_tool_tip_says_what_a_value_is() -> None:
 
 def _with(editor: Editor, **changes: Any) -> Editor:
     return replace(editor, **changes)
+
+
+def test_what_few_people_turn_is_behind_more() -> None:
+    """Oracle: the rows that are visible: main ones, all after a click, and what a search finds; an
+    editor that becomes main, as it is authored, is shown in its place."""
+    rest = replace(EXPOSURE, name="gamma", label="Gamma", is_main=False)
+    last = replace(EXPOSURE, name="gain", label="Gain")
+    panel = Panel(EXPOSURE, rest, last)
+    group = panel._groups["Display"]
+
+    def shown() -> list[str]:
+        rows = [row for row in panel.findChildren(KnobRow) if row.isVisible()]
+        return [row._editor.name for row in sorted(rows, key=lambda row: row.y())]
+
+    assert shown() == ["exposure", "gain"] and group.more.text() == "More (1)"
+    QTest.mouseClick(group.more, LEFT)
+    QTest.qWait(1)
+    assert shown() == ["exposure", "gamma", "gain"] and group.more.text() == "Less"
+    QTest.mouseClick(group.more, LEFT)
+    assert panel.search("gamma") == 1 and shown() == ["gamma"]
+    panel.search("")
+    assert shown() == ["exposure", "gain"]
+    panel.show_editors([EXPOSURE, replace(rest, is_main=True), last])
+    QTest.qWait(1)
+    assert shown() == ["exposure", "gamma", "gain"] and not group.more.isVisible()
 
 
 def test_a_value_that_none_can_have_is_told_in_place_of_another_one() -> None:

@@ -11,8 +11,11 @@ from pxr import Sdf, Usd
 
 from tests.preview.stage_model.stages import rich
 from usdsplat.core.errors import StageError, UsageError
+from usdsplat.core.knobs import knobs
 from usdsplat.preview.stage_model.edits import Edits
+from usdsplat.preview.stage_model.main_parameters import MAIN
 from usdsplat.preview.stage_model.parameters import editors, set_parameter
+from usdsplat.sim.parameters import GROUPS, INSTANCED
 from usdsplat.sim.stage.authoring import author
 from usdsplat.sim.stage.parameters import read_all
 
@@ -192,3 +195,16 @@ def test_known_prims_can_be_asked_for_alone():
 def test_a_stage_without_simulations_has_no_parameters():
     """Oracle: an empty stage."""
     assert editors(Usd.Stage.CreateInMemory()) == ()
+
+
+def test_main_parameters_exist_and_what_is_authored_is_main():
+    """Oracle: the knobs of each group; what a person has set must not hide."""
+    groups = {**GROUPS, **INSTANCED}
+    assert MAIN.keys() == groups.keys()
+    for group, names in MAIN.items():
+        assert set(names) <= {item.name for item in knobs(groups[group])}, group
+    stage = rich()
+    assert editor(stage, SIM, "rd:feed").is_main
+    assert not editor(stage, SIM, "rd:diffusionU").is_main
+    author(stage.GetPrimAtPath(SIM), {"rd:diffusionU": 0.2})
+    assert editor(stage, SIM, "rd:diffusionU").is_main

@@ -12,6 +12,7 @@ from usdsplat.core.errors import StageError, UsageError, UsdSplatError
 from usdsplat.core.knobs import Knob, knobs
 from usdsplat.preview.knob_model import Editor, editor_of, kind_of, typed
 from usdsplat.preview.stage_model.edits import Edits
+from usdsplat.preview.stage_model.main_parameters import MAIN
 from usdsplat.preview.stage_model.placing import code_of
 from usdsplat.sim.parameters import (
     GROUPS,
@@ -163,10 +164,12 @@ def _has(prim: Usd.Prim, group: str) -> bool:
 def _group(
     prim: Usd.Prim, cls: type, lead: str, heading: str, code: Usd.TimeCode
 ) -> Iterator[Editor]:
+    main = MAIN[lead.partition(":")[0]]
     for item in knobs(cls):
         name = f"{lead}:{camel(item.name)}"
         if kind_of(item) is not None:
-            yield _editor(prim, item, name, heading, code)
+            made = _editor(prim, item, name, heading, code)
+            yield replace(made, is_main=item.name in main or made.is_authored)
         if item.takes_mask and _has_masks(prim):
             yield _editor(prim, binding_of(item), f"{name}:{MASK}", heading, code)
 
