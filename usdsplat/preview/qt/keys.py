@@ -109,18 +109,20 @@ KEYS = (
 MENUS = ("File", "Edit", "View", "Camera", "Timeline", "Simulation", "Help")
 
 GESTURES = (
-    ("Left drag, Alt + left drag", "orbit"),
+    ("Left drag with another tool, Alt + left drag", "orbit"),
     ("Middle drag, Alt + middle drag", "pan"),
     ("Wheel, Alt + right drag", "dolly"),
     ("Right drag", "look around"),
     ("W A S D Q E with the right button", "fly; the wheel sets the speed, Shift is faster"),
     ("Click", "select the prim, and show the splat's values"),
     ("Shift + click", "add the prim to the selection, or take it out"),
+    ("Left drag with the Select tool, Ctrl + left drag", "select the prims in a box"),
+    ("Shift + left drag with the Select tool", "add the prims in a box to the selection"),
     ("Double click", "orbit the point under the pointer"),
     ("A", "frame everything"),
     ("X", "the manipulator's axes: the world's or the prim's own"),
     ("Drag a handle", "move the selected prim, also while it simulates"),
-    ("Drag the wipe", "move the line of the comparison"),
+    ("Drag the wipe or its handle", "move the line of the comparison"),
     ("Drop a file", "open it in this window"),
 )
 """Gestures of the viewport, for the help."""

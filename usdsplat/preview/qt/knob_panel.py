@@ -117,7 +117,7 @@ class _Group(QWidget):
         self.more.setProperty("role", "quiet")
         self.more.setAutoRaise(True)
         self.more.clicked.connect(lambda: self.show_more(not self.shows_more))
-        self.shows_more = False
+        self.shows_more: bool = False
         self._body = QWidget(self)
         self._lines = QVBoxLayout(self._body)
         self._lines.setContentsMargins(8, 2, 4, 6)

@@ -13,6 +13,8 @@ from usdsplat.preview.projection import Projection
 from usdsplat.preview.qt import style
 from usdsplat.preview.qt import viewport_hud as hud
 from usdsplat.preview.qt import viewport_overlays as overlays
+from usdsplat.preview.qt.viewport_holds import Rectangle
+from usdsplat.preview.qt.viewport_targets import grip_of
 from usdsplat.preview.values import Picture
 
 MEMORY = 1.0
@@ -65,6 +67,8 @@ class Scene:
     wipe: float | None
     """Position of the wipe as a fraction of the width; None for no comparison."""
     wipe_is_hot: bool
+    box: Rectangle | None
+    """The box that is being drawn; None for none."""
     shows_hud: bool
     rate: float | None
     """Pictures per second."""
@@ -107,11 +111,13 @@ def _paint_placed(painter: QPainter, scene: Scene) -> None:
     ratio, (width, height) = scene.ratio, scene.size
     overlays.paint_boxes(painter, scene.picture.boxes, scene.projection, ratio=ratio)
     if scene.wipe is not None:
-        overlays.paint_wipe(
-            painter, scene.wipe * width, height, ratio=ratio, is_hot=scene.wipe_is_hot
-        )
+        x = scene.wipe * width
+        grip = QPointF(*grip_of(x, scene.size, ratio=ratio))
+        overlays.paint_wipe(painter, x, height, grip, ratio=ratio, is_hot=scene.wipe_is_hot)
     if scene.manipulator is not None:
         overlays.paint_manipulator(painter, scene.manipulator, scene.projection, hot=scene.hot)
+    if scene.box is not None:
+        overlays.paint_box(painter, scene.box, ratio=ratio)
     corner = QPointF(CORNER * ratio, height - CORNER * ratio)
     overlays.paint_tripod(painter, scene.projection, corner, ratio=ratio)
 

@@ -12,7 +12,7 @@ from PySide6.QtWidgets import QMenu, QSplitter, QTabWidget, QVBoxLayout, QWidget
 from usdsplat.images.aovs import AOVS
 from usdsplat.preview import opening
 from usdsplat.preview.picking import Picked, pick
-from usdsplat.preview.qt.message_bar import MessageBar, over
+from usdsplat.preview.qt.message_bar import MessageBar, above
 from usdsplat.preview.qt.panel_context import PanelContext, Question
 from usdsplat.preview.qt.prim_panel import PrimPanel
 from usdsplat.preview.qt.prim_tree import PrimTree
@@ -190,7 +190,7 @@ class Workspace(QWidget):
         middle.setContentsMargins(0, 0, 0, 0)
         middle.setSpacing(0)
         middle.addWidget(self.strip)
-        middle.addWidget(over(self.viewport, self.problems, self.notices), 1)
+        middle.addWidget(above(self.viewport, self.problems, self.notices), 1)
         self.right = QTabWidget()
         self.right.setDocumentMode(True)
         self.right.addTab(self.render_panel, "Render")
