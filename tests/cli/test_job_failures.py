@@ -307,7 +307,8 @@ def test_two_workers_that_share_a_folder_draw_what_one_process_draws(
         cluster.workers[0].kill()
         assert ended(client) == (0, [])
     assert pictures(out.parent) == alone
-    assert len(list(out.parent.iterdir())) == 4
+    left = {path.name for path in out.parent.iterdir()}
+    assert {name for name in left if not name.startswith(".")} == set(alone)  # it may have written
 
 
 def test_a_scheduler_that_is_killed_ends_the_command(cluster, shot, tmp_path, alone, gate):

@@ -99,6 +99,7 @@ def test_an_unknown_command_is_one_line(capsys):
     [
         (["render"], ["found no STAGE, expected one"]),
         (["render", "a.usd", "--resolutoin", "9"], ["found --resolutoin, expected --resolution;"]),
+        (["render", "a.usd", "--imageWidth", "9"], ["--imageWidth, expected --resolution;"]),
         (["render", "a.usd", "--threads", "x"], ["found --threads 'x', expected a whole number"]),
         (
             ["render", "a.usd", "--half", "--float"],

@@ -49,29 +49,36 @@ def test_a_need_that_no_worker_meets_is_an_error(resources):
 
 
 class Ended:
-    """A future of Dask that has failed."""
+    """A future of Dask that has ended: with an error, or with a result that got lost with its
+    worker, whereupon the task was done again and ends with the error."""
 
-    status, key = "error", "mine"
+    key = "mine"
 
-    def __init__(self, error):
-        self._error = error
+    def __init__(self, status, error):
+        self.status, self._error = status, error
 
-    def exception(self):
-        return self._error
+    def result(self, timeout):
+        raise self._error
 
 
-def test_each_kind_of_failure_is_one_sentence_with_its_machine():
+@pytest.mark.parametrize("status", ["error", "finished"])
+def test_each_kind_of_failure_is_one_sentence_with_its_machine(status):
     """Oracle: by hand. A failure of another task is none of this one's."""
     distributed = pytest.importorskip("distributed")
     task = render_job(("render",), (1.0,), name="a", chunk=1, tiling=None).tasks()[0]
-    own = TaskFailed(task.words, 1, "a.usd: found nothing", "b (tcp://b:1)")
-    found = _result(Ended(own), task)
+
+    def result(error):
+        return _result(Ended(status, error), task)
+
+    found = result(TaskFailed(task.words, 1, "a.usd: found nothing", "b (tcp://b:1)"))
     assert (found.status, found.reason, found.host) == (1, "a.usd: found nothing", "b (tcp://b:1)")
-    assert _result(Ended(TaskFailed(("other",), 2, "", "")), task) is None
+    assert result(TaskFailed(("other",), 2, "", "")) is None
     last = SimpleNamespace(address="tcp://b:1")
-    killed = _result(Ended(distributed.KilledWorker("mine", last, 3)), task)
+    killed = result(distributed.KilledWorker("mine", last, 3))
     assert killed.host == "tcp://b:1" and killed.status == 2
     assert killed.reason == "worker: found 4 workers that died, expected one that does not"
-    assert _result(Ended(distributed.KilledWorker("other", last, 3)), task) is None
-    other = _result(Ended(ValueError("two\nlines")), task)
+    assert result(distributed.KilledWorker("other", last, 3)) is None
+    other = result(ValueError("two\nlines"))
     assert (other.status, other.reason) == (2, "two lines")
+    with pytest.raises(TimeoutError):  # it is being done again
+        result(TimeoutError())

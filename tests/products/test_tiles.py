@@ -106,15 +106,20 @@ def test_tiles_that_lack_or_are_others_are_refused(run, run_json, shot, tmp_path
     assert not (tmp_path / "a.exr").exists()
 
 
-def test_joining_again_keeps_the_picture(run_json, shot, tmp_path):
+@pytest.mark.parametrize("again", [(), ("1",)])
+def test_joining_again_keeps_the_picture(run_json, shot, tmp_path, again):
     """Oracle: the bytes of the picture: a join that is repeated after its tiles are gone does
-    nothing."""
+    nothing, and takes away tiles that were drawn again: an engine that loses a worker repeats what
+    that worker did, not what others did."""
     words = ("render", shot, "-o", tmp_path / "a.exr", "--frames", "1", *SIZE, "--tiles", "2x1")
     for tile in ("1", "2", "join"):
         run_json(*words, "--tile", tile)
     before = (tmp_path / "a.exr").read_bytes()
+    for tile in again:
+        run_json(*words, "--tile", tile)
     assert run_json(*words, "--tile", "join")["pictures"] == []
     assert (tmp_path / "a.exr").read_bytes() == before
+    assert not (tmp_path / "a.exr.tiles").exists()
 
 
 def test_tiles_of_other_captures_and_cameras_are_others(run, run_json, capture, tmp_path):

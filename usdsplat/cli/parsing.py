@@ -21,6 +21,15 @@ T = TypeVar("T", bound="DataclassInstance")
 _KINDS = {float: "a number", int: "a whole number"}
 LARGEST = 2**31 - 1
 """Largest whole number that a flag takes; C++ libraries hold 32 bits."""
+ELSEWHERE = {
+    **dict.fromkeys(("--size", "--width", "--height", "--res", "--imagewidth"), "--resolution"),
+    **dict.fromkeys(("--spp", "--pixelsamples"), "--samples"),
+    **dict.fromkeys(("--gpu", "--cpu"), "--device"),
+    **dict.fromkeys(("--workers", "--processes"), "--jobs"),
+    "--bg": "--background",
+    "--rendersettingsprimpath": "--settings",
+}
+"""Flags of usdrecord, husk and others, in lower case, and ours that a user of them looks for."""
 NARROWEST = 40
 """Least width of help [character]; argparse may not end on a narrower terminal."""
 
@@ -180,7 +189,8 @@ def _check(given: dict[str, Any], extra: Sequence[str], known: Sequence[Argument
     unknown = [word.partition("=")[0] for word in extra if word.startswith("-")]
     if unknown:
         flags = [each.flag for each in known if not each.shown.is_positional]
-        similar = difflib.get_close_matches(unknown[0], flags, n=1)
+        meant = ELSEWHERE.get(unknown[0].lower())
+        similar = [meant] if meant in flags else difflib.get_close_matches(unknown[0], flags, n=1)
         raise _Mistake(unknown[0], similar[0] if similar else "a known option")
     if extra:
         raise _Mistake(extra[0], "nothing more")

@@ -68,6 +68,7 @@ def run_as_job(
 ) -> int:
     """Run the pictures as tasks, and print each file when it is finished."""
     from usdsplat.products.preparing import files_of
+    from usdsplat.products.tiles import remove_tiles
 
     if options.job.openjd is not None:
         return _write_bundle(options, task, frames, reporter)
@@ -80,7 +81,10 @@ def run_as_job(
                 report.append(picture)
                 if not options.json:
                     console.say_path(Path(picture["path"]))
-    by_frame = (path for row in zip(*files, strict=True) for path in row)
+    by_frame = [path for row in zip(*files, strict=True) for path in row]
+    if options.tiles is not None:
+        for path in by_frame:
+            remove_tiles(path)  # those that were drawn again after their picture was joined
     order = {str(path): i for i, path in enumerate(by_frame)}
     report.sort(key=lambda picture: order[picture["path"]])
     say_end(options, report, files, reporter)

@@ -178,14 +178,19 @@ class DaskWorkers:
             except TimeoutError:
                 continue
             waiting.clear()
+            outcomes = []  # results are kept by workers, which may die while the caller works
             while done:
                 future = done.pop()
                 if future.status == "lost":  # it is computed again
                     continue
+                try:
+                    result = _result(future, left[future.key][0])
+                except TimeoutError:  # its worker died just now
+                    continue
                 task, _ = left.pop(future.key)
-                outcome = Outcome(task=task, result=_result(future, task))
                 del future
-                yield outcome
+                outcomes.append(Outcome(task=task, result=result))
+            yield from outcomes
 
 
 def _connected(address: str, environments: Sequence[Mapping[str, str]], stack: ExitStack) -> Client:
@@ -267,20 +272,27 @@ def _described(dask_worker: Any) -> tuple[str, dict[str, float]]:
 
 
 def _result(future: Any, task: Task) -> TaskResult | None:
-    """Return the result of a future; None if a task before it failed."""
+    """Return the result of a future that has ended; None if a task before it failed.
+
+    Raises:
+        TimeoutError: If the result is lost, and the task runs again.
+    """
     from distributed import KilledWorker
 
-    if future.status == "finished":
-        return TaskResult(**future.result())
-    error = future.exception() if future.status == "error" else None
-    if isinstance(error, TaskFailed):
+    if future.status == "cancelled":
+        return TaskResult(status=2, err=future.status, host="the cluster")
+    try:
+        return TaskResult(**future.result(timeout=ROUND))
+    except TaskFailed as error:
         if tuple(error.words) != task.words:
             return None  # the error of a task before it
         return TaskResult(status=error.status, err=error.reason, host=error.host)
-    if isinstance(error, KilledWorker):
+    except KilledWorker as error:
         if error.task != future.key:
             return None
         reason = f"found {error.allowed_failures + 1} workers that died, expected one that does not"
         return TaskResult(status=2, err=f"worker: {reason}", host=error.last_worker.address)
-    reason = " ".join(str(error).split()) if error is not None else future.status
-    return TaskResult(status=2, err=reason, host="the cluster")
+    except OSError:
+        raise  # of the connection; TimeoutError is one too
+    except Exception as error:
+        return TaskResult(status=2, err=" ".join(str(error).split()), host="the cluster")

@@ -200,8 +200,8 @@ def files_of(plans: Sequence[PicturePlan], frames: Sequence[float]) -> list[tupl
 
 
 def _is_joined(engine: Engine, step: TileStep | None, whole: PicturePlan, job: _Job) -> bool:
-    """Return whether a join was done before and is repeated: the picture is whole, and its tiles
-    are gone."""
+    """Return whether a join was done before and is repeated: the picture is whole, and tiles are
+    gone."""
     _, frame, path = job
     if step is None or not step.joins or not path.exists() or step.has_tiles(path):
         return False
@@ -226,14 +226,20 @@ def _undrawn(
         for i, frame in enumerate(frames)
         for plan, group in zip(plans, names, strict=True)
     ]
+    left: list[_Job] = []
     if options.existing == "replace":
-        return [job for job in jobs if not _is_joined(engine, options.tile, plans[job[0]], job)]
+        for job in jobs:
+            if _is_joined(engine, options.tile, plans[job[0]], job):
+                remove_tiles(job[2])  # those that an engine of jobs drew again
+            else:
+                left.append(job)
+        return left
     if options.existing == "error":
         there = next((path for _, _, path in jobs if path.exists()), None)
         if there is not None:
             raise OutputError(str(there), "a file", "a new name")
         return jobs
-    left, current = [], stage_hash(engine)
+    current = stage_hash(engine)
     for plan, frame, path in jobs:
         is_there = path.exists()
         found = difference(plans[plan], frame, path, stage_hash=current) if is_there else ""

@@ -138,8 +138,8 @@ class TileStep:
         return picture.with_name(f"{picture.name}.tiles") / f"{number:04d}-of-{self.tiling}.tile"
 
     def has_tiles(self, picture: Path) -> bool:
-        """Return whether a tile of a picture exists."""
-        return any(self.path(picture).parent.glob("*.tile"))
+        """Return whether all tiles of a picture exist."""
+        return all(self.path(picture, n + 1).is_file() for n in range(len(self.tiling)))
 
     def write(
         self,

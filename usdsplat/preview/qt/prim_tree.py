@@ -4,7 +4,17 @@ from __future__ import annotations
 
 from functools import partial
 
-from PySide6.QtCore import QEvent, QModelIndex, QObject, QPoint, Qt, QTimer, Signal
+from PySide6.QtCore import (
+    QEvent,
+    QItemSelection,
+    QItemSelectionModel,
+    QModelIndex,
+    QObject,
+    QPoint,
+    Qt,
+    QTimer,
+    Signal,
+)
 from PySide6.QtGui import QGuiApplication, QKeyEvent
 from PySide6.QtWidgets import (
     QAbstractItemView,
@@ -38,7 +48,8 @@ class PrimTree(QWidget):
     def __init__(self, context: PanelContext, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self._context = context
-        self._selected = ""
+        self._selected: tuple[str, ...] = ()
+        self._is_following = False
         self.model = PrimModel(context, self)
         self.view = self._make_view()
         self.box = QLineEdit()
@@ -121,27 +132,44 @@ class PrimTree(QWidget):
             self.frame_requested.emit(row.path)
 
     def _chosen(self) -> None:
+        if self._is_following:
+            return
         rows = (self.model.row_of(each) for each in self.view.selectionModel().selectedRows())
         paths = tuple(row.path for row in rows if row)
         if paths != self._context.viewer.state.selected:
-            self._selected = paths[-1] if paths else ""
+            self._selected = paths
             self._context.viewer.select(paths)
 
     def _follow(self) -> None:
         """Follow a selection made elsewhere."""
-        path = self._context.selected
-        if path == self._selected:
+        paths = self._context.viewer.state.selected
+        if paths == self._selected:
             return
-        self._selected = path
-        if not path:
-            self.view.clearSelection()
-            return
-        self.model.reveal(path, partial(self._show_selected, path))
+        self._selected = paths
+        if not paths:
+            self._show_selected(paths, QModelIndex())
+        for path in paths:
+            self.model.reveal(path, partial(self._show_selected, paths))
 
-    def _show_selected(self, path: str, index: QModelIndex) -> None:
-        if index.isValid() and path == self._selected:
-            self.view.setCurrentIndex(index)
-            self.view.scrollTo(index)
+    def _show_selected(self, paths: tuple[str, ...], index: QModelIndex) -> None:
+        """Show the rows of a selection that are loaded; `index` is the one that came last."""
+        if paths != self._selected:
+            return
+        selection = QItemSelection()
+        for path in paths:
+            found = self.model.index_of(path)
+            if found.isValid():
+                selection.select(found, found)
+        chosen = self.view.selectionModel()
+        self._is_following = True  # rows that are not loaded yet would be lost
+        try:
+            flags = QItemSelectionModel.SelectionFlag
+            chosen.select(selection, flags.ClearAndSelect | flags.Rows)
+            if index.isValid():
+                chosen.setCurrentIndex(index, flags.NoUpdate)
+                self.view.scrollTo(index)
+        finally:
+            self._is_following = False
 
     def _search(self) -> None:
         text = self.box.text().strip()
