@@ -5,11 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pytest
 from pxr import Sdf, Usd, UsdGeom
-from PySide6.QtCore import QMimeData, QPointF, Qt, QUrl
+from PySide6.QtCore import QMimeData, QPoint, QPointF, Qt, QUrl
 from PySide6.QtGui import QDropEvent
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import (
+    QDialogButtonBox,
     QFileDialog,
     QLineEdit,
     QMessageBox,
@@ -17,7 +19,10 @@ from PySide6.QtWidgets import (
 
 from tests.preview.qt import windows
 from tests.preview.qt.conftest import wait_until
-from tests.preview.qt.windows import LEFT, click_cell, image, opened, press, type_into
+from tests.preview.qt.windows import LEFT, click_cell, image, opened, press, settled, type_into
+from usdsplat import formats
+from usdsplat.interchange.exporting import export_capture
+from usdsplat.preview.qt.picture_dialogs import FlipbookDialog, ScreenshotDialog
 from usdsplat.preview.qt.prim_model import VISIBLE
 from usdsplat.preview.qt.window import Window
 from usdsplat.preview.qt.workspace import Workspace
@@ -37,15 +42,76 @@ def test_the_session_layer_and_a_screenshot_are_saved(
     layer = Sdf.Layer.FindOrOpen(str(tmp_path / "mine.usda"))
     assert layer.GetAttributeAtPath("/World/A.visibility").default == UsdGeom.Tokens.invisible
     shown = image(workspace)
-    press(window, "F12")
+    _ask_for_a_screenshot(window)
     _save(window, tmp_path / "shot.png")
     assert np.array_equal(np.asarray(Image.open(tmp_path / "shot.png")), shown)
 
 
+def _ask_for_a_screenshot(window: Window, width: str = "", height: str = "") -> None:
+    """Open the dialog, set a size if there is one, and go on to the dialog for the file."""
+    press(window, "F12")
+    wait_until(lambda: window.findChildren(ScreenshotDialog))
+    dialog = window.findChild(ScreenshotDialog)
+    dialog.activateWindow()
+    wait_until(dialog.isActiveWindow)
+    fields = dialog.size_fields
+    if height:
+        QTest.mouseClick(fields.keeps_shape, LEFT, pos=QPoint(8, 8))
+        type_into(fields.height_field, height, Qt.Key.Key_Tab)
+    if width:
+        type_into(fields.width_field, width, Qt.Key.Key_Tab)
+    save = dialog.buttons.button(QDialogButtonBox.StandardButton.Save)
+    QTest.mouseClick(save, LEFT)
+
+
+@pytest.mark.parametrize(("width", "height"), [("300", ""), ("320", "80"), ("20000", "")])
+def test_pictures_are_saved_in_a_size_of_their_own(
+    window: Window, workspace: Workspace, tmp_path: Path, width: str, height: str
+) -> None:
+    """Oracle: Pillow's reading of the file: the size that was typed, with the viewport's shape or
+    without; a size that cannot be is a sentence, and that of the viewport stays."""
+    from PIL import Image
+
+    settled(workspace)
+    before = workspace.context.viewer.state.size
+    _ask_for_a_screenshot(window, width, height)
+    _save(window, tmp_path / "shot.png")
+    wait_until(lambda: (tmp_path / "shot.png").exists())
+    found = Image.open(tmp_path / "shot.png").size
+    if width == "20000":
+        assert "expected 1 to 16384" in workspace.problems.sentence
+        assert found == before
+        return
+    assert found == (int(width), int(height or round(int(width) * before[1] / before[0])))
+    assert workspace.context.viewer.state.size == before
+
+
+@pytest.mark.parametrize("name", ["seen.ply", "seen.spz", "seen.usda"])
+def test_what_is_seen_is_exported(
+    window: Window, workspace: Workspace, tmp_path: Path, name: str
+) -> None:
+    """Oracle: the command's own conversion of the stage with the same edit: one field is hidden in
+    the session, and the time is not the first; the sentence says how many splats."""
+    workspace.context.edit(lambda edits: edits.set_visible("/World/A", False))
+    workspace.context.viewer.set_time(12.0)
+    settled(workspace)
+    press(window, "Ctrl+E")
+    _save(window, tmp_path / name)
+    wait_until(lambda: f"Wrote {name}, " in window.note)
+    if name.endswith(".usda"):
+        stage = Usd.Stage.Open(str(tmp_path / name))
+        seen = [UsdGeom.Imageable(stage.GetPrimAtPath(f"/World/{each}")) for each in "AB"]
+        assert [each.ComputeVisibility() for each in seen] == ["invisible", "inherited"]
+        return
+    stage = Usd.Stage.Open(str(windows.write_stage(tmp_path / "mine.usda")))
+    export_capture(stage, tmp_path / f"mine_{name}", prim_path="/World/B", time=12.0)
+    ours, theirs = (formats.read(tmp_path / each).cloud for each in (name, f"mine_{name}"))
+    np.testing.assert_array_equal(ours.positions, theirs.positions)
+    assert f"{len(theirs)} splats" in window.note
+
+
 def test_a_flipbook_of_some_frames(window: Window, workspace: Workspace, tmp_path: Path) -> None:
     """Oracle: the names of the files."""
-    from usdsplat.preview.qt.save_dialogs import FlipbookDialog
-
     press(window, "Ctrl+Shift+F")
     dialog = window.findChild(FlipbookDialog)
     assert QTest.qWaitForWindowActive(dialog)

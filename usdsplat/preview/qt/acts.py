@@ -61,6 +61,7 @@ def acts_of(window: Acting) -> dict[str, Callable[[], Any]]:
         "save_camera_layer": lambda: saving().camera_layer(),
         "screenshot": lambda: saving().screenshot(),
         "flipbook": lambda: saving().flipbook(),
+        "export": lambda: saving().export(),
         "close": window.close,
         "quit": QApplication.closeAllWindows,
         "undo": lambda: here().undo(),

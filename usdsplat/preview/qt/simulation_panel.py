@@ -29,8 +29,9 @@ from usdsplat.preview.qt.first_simulation import FirstSimulation
 from usdsplat.preview.qt.glyphs import glyph
 from usdsplat.preview.qt.knob_panel import KnobPanel
 from usdsplat.preview.qt.panel_context import PanelContext, Question
+from usdsplat.preview.qt.picture_dialogs import ask_name
 from usdsplat.preview.qt.render_panel import scrolling
-from usdsplat.preview.qt.save_dialogs import BAKES, ask_name
+from usdsplat.preview.qt.save_dialogs import BAKES
 from usdsplat.preview.simulating.recording import can_resume
 from usdsplat.preview.stage_model import parameters
 from usdsplat.preview.stage_model.edits import Edits
