@@ -12,9 +12,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from pxr import Sdf, Tf, Usd, UsdGeom
+from pxr import Sdf, Tf, Usd
 
-from usdsplat.core.errors import StageError
 from usdsplat.delegate.engine import Engine
 from usdsplat.interchange.provenance import KEY
 from usdsplat.kernels.device import CpuDevice
@@ -26,10 +25,11 @@ from usdsplat.preview.scenes import Scenes
 from usdsplat.preview.sides import Shown
 from usdsplat.preview.sources import Sources
 from usdsplat.preview.stage_model.edits import Edits
+from usdsplat.preview.stage_model.overlay_finder import OverlayFinder
 from usdsplat.preview.values import Event, Opened, StageChanged, ViewState
 from usdsplat.render.fields import Box
 from usdsplat.render.subject import Subject, of_box
-from usdsplat.schema.stage_values import up_axis, world_bound
+from usdsplat.schema.stage_values import up_axis
 from usdsplat.sim.stage.collections import find_simulations
 
 
@@ -77,6 +77,7 @@ class Document:
         self._thread = threading.get_ident()
         self._change: StageChanged | None = None
         self._notice = Tf.Notice.Register(Usd.Notice.ObjectsChanged, self._note_change, stage)
+        self._overlays = OverlayFinder(stage)
         display = Display(CpuDevice(threads=threads))  # pictures are in host memory already
         self._drawing = Drawing(self._scenes, display)
 
@@ -124,11 +125,13 @@ class Document:
         """
         change, self._change = self._change, None
         if change is not None:
+            if change.structure:
+                self._overlays.forget()
             if change.structure and self.simulation is not None:
                 self.simulation.look()
             self.publish(change)
         with telling(self.publish):
-            picture = self._drawing.draw(state, self.lock, self._outlines, is_wanted=is_wanted)
+            picture = self._drawing.draw(state, self.lock, self._overlays.find, is_wanted=is_wanted)
         if picture is None:
             return False
         self.publish(picture)
@@ -145,7 +148,7 @@ class Document:
         still = replace(state, is_moving=False)
         with telling(self.publish):
             while True:
-                picture = self._drawing.draw(still, self.lock, self._outlines, waits=True)
+                picture = self._drawing.draw(still, self.lock, self._overlays.find, waits=True)
                 if picture is None or picture.is_final:
                     break
         assert self.shown is not None
@@ -161,7 +164,9 @@ class Document:
         with self.lock:
             if not paths:
                 return self.engine.render_scene.subject()
-            corners = [corner for path in paths for corner in self._outline(self.engine, path)]
+            corners = [
+                corner for path in paths for corner in self._overlays.outline(self.engine, path)
+            ]
         return boxes.around(corners)
 
     def subject(self, paths: tuple[str, ...] = ()) -> Subject | None:
@@ -212,28 +217,3 @@ class Document:
         ranges = Sdf.Path.absoluteRootPath in notice.GetChangedInfoOnlyPaths()
         before = self._change is not None and self._change.structure
         self._change = StageChanged(structure=others or ranges or before)
-
-    def _outlines(self, engine: Engine, paths: tuple[str, ...]) -> tuple[boxes.Corners, ...]:
-        found = (self._outline(engine, path) for path in paths)
-        return tuple(corners for corners in found if corners)
-
-    def _outline(self, engine: Engine, path: str) -> boxes.Corners:
-        """Return the box of a prim: of its drawn parts, else its extent; () without either."""
-        drawn = boxes.drawn(engine.render_scene, path)
-        if drawn:
-            return drawn
-        prim = self.stage.GetPrimAtPath(path)
-        if not prim or not prim.IsA(UsdGeom.Imageable):
-            return ()
-        code = Usd.TimeCode.Default() if engine.time is None else Usd.TimeCode(engine.time)
-        tokens = UsdGeom.Imageable.GetOrderedPurposeTokens()
-        cache = UsdGeom.BBoxCache(code, tokens, useExtentsHint=True, ignoreVisibility=True)
-        try:
-            bound = world_bound(prim, cache)
-        except StageError:
-            return ()
-        span = bound.GetRange()
-        if span.IsEmpty():
-            return ()
-        points = (bound.GetMatrix().Transform(span.GetCorner(i)) for i in range(8))
-        return tuple((point[0], point[1], point[2]) for point in points)

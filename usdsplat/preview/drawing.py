@@ -28,8 +28,8 @@ import numpy as np
 from usdsplat.delegate.engine import Engine
 from usdsplat.delegate.render_buffer import Pixels
 from usdsplat.kernels.compiling import compile_time
-from usdsplat.preview.boxes import Corners
 from usdsplat.preview.display import Display
+from usdsplat.preview.overlays import Overlays
 from usdsplat.preview.pacing import Load, Pacer, Quality
 from usdsplat.preview.scenes import Scene, Scenes
 from usdsplat.preview.sides import Job, Shown, Side, cut_of, job_of, view_of
@@ -40,7 +40,7 @@ from usdsplat.render.memory import resident
 FIXED = ("project", "shade", "find ray hits", "find features", "sort")
 """Stages of the renderer whose time does not depend on the resolution."""
 
-Outlines = Callable[[Engine, tuple[str, ...]], tuple[Corners, ...]]
+FindOverlays = Callable[[Engine, ViewState], Overlays]
 
 
 class _Unwanted(Exception):
@@ -92,7 +92,7 @@ class Drawing:
         self,
         state: ViewState,
         lock: threading.RLock,
-        outlines: Outlines,
+        overlays: FindOverlays,
         *,
         waits: bool = False,
         is_wanted: Callable[[], bool] = wanted_always,
@@ -103,7 +103,7 @@ class Drawing:
         Args:
             state: State of the viewport.
             lock: Held while the stage is read.
-            outlines: Function that returns the boxes of the prims at some paths.
+            overlays: Function that returns what is drawn over the picture of a state.
             waits: Whether to wait until the nodes of splat trees are read.
             is_wanted: Called between the stages of a picture; False ends it.
 
@@ -119,7 +119,7 @@ class Drawing:
                     scenes = self._scenes.synced(state)
             finally:
                 self._forget_closed()
-            found = outlines(scenes[0].engine, state.selected)
+            found = overlays(scenes[0].engine, state)
             warnings = _told(scenes[0].engine)
             wanted = (replace(state, is_moving=False), *(s.place for s in scenes), found, warnings)
             quality = self._quality(state, wanted, scenes)
@@ -175,7 +175,8 @@ class Drawing:
             milliseconds=milliseconds,
             megabytes=1e-6 * resident(),
             device=scenes[0].engine.device,
-            boxes=found,
+            boxes=found.boxes,
+            overlays=found,
             warnings=warnings,
         )
         self._wanted = wanted

@@ -84,6 +84,10 @@ def acts_of(window: Acting) -> dict[str, Callable[[], Any]]:
         "add_bookmark": lambda: here().context.viewer.add_bookmark(),
         "flip": window.flip,
         "hud": lambda: here().toggle_hud(),
+        **{
+            name: partial(lambda name: here().toggle_overlay(name), name)
+            for name in ("bounds", "wireframe", "lights")
+        },
         "compare": lambda: here().toggle_compare(),
         "previous_aov": lambda: here().next_aov(-1),
         "next_aov": lambda: here().next_aov(1),

@@ -78,6 +78,9 @@ KEYS = (
         is_checkable=True,
         begins=True,
     ),
+    Key(name="bounds", menu="View", text="Bounds of everything", keys=("B",), is_checkable=True),
+    Key(name="wireframe", menu="View", text="Wireframe of meshes", keys=("4",), is_checkable=True),
+    Key(name="lights", menu="View", text="Lights", keys=("L",), is_checkable=True),
     Key(
         name="compare",
         menu="View",
@@ -116,6 +119,7 @@ GESTURES = (
     ("Right drag", "look around"),
     ("W A S D Q E with the right button", "fly; the wheel sets the speed, Shift is faster"),
     ("Click", "select the prim, and show the splat's values"),
+    ("Click the figure of a light", "select the light; the manipulator moves it"),
     ("Shift + click", "add the prim to the selection, or take it out"),
     ("Left drag with the Select tool, Ctrl + left drag", "select the prims in a box"),
     ("Shift + left drag with the Select tool", "add the prims in a box to the selection"),

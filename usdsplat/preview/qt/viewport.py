@@ -156,6 +156,7 @@ class Viewport(QWidget):
             viewer=self.viewer,
             projection=self.projection,
             manipulator=self.manipulator,
+            lights=() if self.picture is None else self.picture.overlays.lights,
             ratio=self.devicePixelRatioF(),
         )
 
@@ -177,6 +178,7 @@ class Viewport(QWidget):
             projection=self.projection,
             manipulator=self.manipulator,
             hot=self._hot.handle,
+            hot_light=self._hot.light,
             wipe=None if state.other is None else state.wipe,
             wipe_is_hot=self._hot.is_wipe,
             box=self._hold.rectangle if isinstance(self._hold, BoxHold) else None,

@@ -11,6 +11,7 @@ from PySide6.QtGui import QImage, QPainter
 from usdsplat.preview.manipulator import Handle, Manipulator
 from usdsplat.preview.projection import Projection
 from usdsplat.preview.qt import style
+from usdsplat.preview.qt import viewport_figures as figures
 from usdsplat.preview.qt import viewport_hud as hud
 from usdsplat.preview.qt import viewport_overlays as overlays
 from usdsplat.preview.qt.viewport_holds import Rectangle
@@ -64,6 +65,8 @@ class Scene:
     manipulator: Manipulator | None
     hot: Handle | None
     """The handle under the pointer."""
+    hot_light: str
+    """Path of the light under the pointer; "" for none."""
     wipe: float | None
     """Position of the wipe as a fraction of the width; None for no comparison."""
     wipe_is_hot: bool
@@ -109,7 +112,18 @@ def _paint_image(painter: QPainter, place: QRectF, scene: Scene) -> None:
 def _paint_placed(painter: QPainter, scene: Scene) -> None:
     """Paint overlays with a position in the picture, in viewport pixels."""
     ratio, (width, height) = scene.ratio, scene.size
-    overlays.paint_boxes(painter, scene.picture.boxes, scene.projection, ratio=ratio)
+    over, state = scene.picture.overlays, scene.picture.state
+    figures.paint_edges(painter, over.edges, scene.projection, ratio=ratio)
+    boxes = (*over.bounds, *scene.picture.boxes)
+    overlays.paint_boxes(painter, boxes, scene.projection, ratio=ratio)
+    figures.paint_lights(
+        painter,
+        over.lights,
+        scene.projection,
+        ratio=ratio,
+        chosen=state.selected,
+        hot=scene.hot_light,
+    )
     if scene.wipe is not None:
         x = scene.wipe * width
         grip = QPointF(*grip_of(x, scene.size, ratio=ratio))

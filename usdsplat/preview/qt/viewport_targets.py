@@ -12,7 +12,9 @@ from dataclasses import dataclass
 from PySide6.QtCore import Qt
 
 from usdsplat.preview.manipulator import Handle, Manipulator
+from usdsplat.preview.overlays import LightMark
 from usdsplat.preview.projection import Pixel, Projection
+from usdsplat.preview.qt.viewport_figures import light_at
 from usdsplat.preview.qt.viewport_holds import (
     CLICK,
     BoxHold,
@@ -37,13 +39,15 @@ class Hot:
 
     handle: Handle | None = None
     is_wipe: bool = False
+    light: str = ""
+    """Path of a light; "" for none."""
 
     @property
     def cursor(self) -> Qt.CursorShape:
         """Cursor that says what a drag would do."""
         if self.is_wipe:
             return Qt.CursorShape.SplitHCursor
-        return Qt.CursorShape.ArrowCursor
+        return Qt.CursorShape.PointingHandCursor if self.light else Qt.CursorShape.ArrowCursor
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -54,6 +58,8 @@ class Targets:
     projection: Projection | None
     """Of the displayed picture; None before the first."""
     manipulator: Manipulator | None
+    lights: tuple[LightMark, ...]
+    """Lights that are shown."""
     ratio: float
     """Viewport pixels per window pixel."""
 
@@ -61,9 +67,12 @@ class Targets:
         """Return what lies under a pixel; the wipe is above the handles of the manipulator."""
         if self._is_wipe(pixel):
             return Hot(is_wipe=True)
-        if self.projection is None or self.manipulator is None:
+        if self.projection is None:
             return Hot()
-        return Hot(handle=self.manipulator.hit(pixel, self.projection))
+        handle = self.manipulator.hit(pixel, self.projection) if self.manipulator else None
+        if handle is not None:
+            return Hot(handle=handle)
+        return Hot(light=light_at(self.lights, pixel, self.projection, ratio=self.ratio))
 
     def _is_wipe(self, pixel: Pixel) -> bool:
         state = self.viewer.state
@@ -114,12 +123,20 @@ class Press:
                 hot.handle, targets.manipulator, self.pixel, targets.projection, viewer
             )
         adds = bool(self.modifiers & Qt.KeyboardModifier.ShiftModifier)
+
+        def clicked() -> None:
+            if hot.light:
+                kept = tuple(each for each in viewer.state.selected if adds and each != hot.light)
+                viewer.select((*kept, hot.light))
+            else:
+                self.clicked(self.pixel, adds)
+
         slack = CLICK * targets.ratio
         if not self.has_tool or self.modifiers & Qt.KeyboardModifier.ControlModifier:
             return BoxHold(
                 self.pixel,
                 slack=slack,
-                clicked=lambda: self.clicked(self.pixel, adds),
+                clicked=clicked,
                 boxed=lambda rectangle: self.boxed(rectangle, adds),
             )
         return NavigatingHold(
@@ -128,5 +145,5 @@ class Press:
             self.moves,
             viewer,
             slack=slack,
-            clicked=lambda: self.clicked(self.pixel, adds),
+            clicked=clicked,
         )

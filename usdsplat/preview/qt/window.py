@@ -333,8 +333,8 @@ class Window(QMainWindow):
         if self.workspace is None:
             return
         state = self.workspace.context.viewer.state
-        self.actions_by_name["compare"].setChecked(state.other is not None)
-        self.actions_by_name["hud"].setChecked(self.workspace.shows_hud)
+        for name, is_on in self.workspace.toggles.items():
+            self.actions_by_name[name].setChecked(is_on)
         for name in TOOLS:
             mode = self.workspace.viewport.mode or "none"
             self.actions_by_name[name].setChecked(name == f"tool_{mode}")

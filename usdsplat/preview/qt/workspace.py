@@ -36,6 +36,10 @@ NARROWEST = (260, 240, 290)
 """Minimum widths of tree, viewport and panels [pixel]."""
 
 
+_OVERLAYS = {"bounds": "shows_bounds", "wireframe": "shows_edges", "lights": "shows_lights"}
+"""Action -> field of the viewer's state."""
+
+
 class Workspace(QWidget):
     """The content of a window with an open stage.
 
@@ -107,6 +111,20 @@ class Workspace(QWidget):
     def toggle_hud(self) -> None:
         """Show or hide the heads-up display."""
         self.viewport.set_hud(not self.viewport.shows_hud)
+
+    @property
+    def toggles(self) -> dict[str, bool]:
+        """Whether what the menus switch on and off is on, by the name of its action."""
+        state = self.context.viewer.state
+        return {
+            "compare": state.other is not None,
+            "hud": self.shows_hud,
+            **{name: getattr(state, field) for name, field in _OVERLAYS.items()},
+        }
+
+    def toggle_overlay(self, name: str) -> None:
+        """Show or hide bounds, wireframe or lights."""
+        self.context.viewer.set_overlays(**{_OVERLAYS[name]: not self.toggles[name]})
 
     def toggle_channel(self, channel: str) -> None:
         """Show a single channel, or all again if it is already shown."""
