@@ -28,11 +28,12 @@ import numpy as np
 from usdsplat.delegate.engine import Engine
 from usdsplat.delegate.render_buffer import Pixels
 from usdsplat.kernels.compiling import compile_time
-from usdsplat.preview.display import Display
+from usdsplat.preview.display import Display, needed
 from usdsplat.preview.overlays import Overlays
 from usdsplat.preview.pacing import Load, Pacer, Quality
 from usdsplat.preview.scenes import Scene, Scenes
 from usdsplat.preview.sides import Job, Shown, Side, cut_of, job_of, view_of
+from usdsplat.preview.tree_levels import Levels
 from usdsplat.preview.values import Image, Picture, ViewState
 from usdsplat.render.frame_stats import FrameStats
 from usdsplat.render.memory import resident
@@ -272,6 +273,7 @@ class Drawing:
                 is_moving=state.is_moving,
                 prims=side.scene.prims,
                 subject=side.scene.subject if side.look.aov == "P" else None,
+                levels=_levels(state, side),
             )
             for side in sides
         ]
@@ -303,6 +305,12 @@ def _follow(state: ViewState, scenes: tuple[Scene, ...]) -> bool:
     for scene in scenes:
         scene.engine.sync(view_of(scene, state.size, 1.0))
     return any(scene.engine.version != scene.version for scene in scenes)
+
+
+def _levels(state: ViewState, side: Side) -> Levels | None:
+    """Return the levels of splat trees, if a side shows them."""
+    shows = needed(side.look)[0] == "elementId" and state.display.id_colors == "levels"
+    return Levels.of(side.scene.engine.render_scene) if shows else None
 
 
 def _reads(scenes: tuple[Scene, ...]) -> int:

@@ -91,6 +91,7 @@ _GROUPS: Mapping[str, tuple[str, ...]] = {
     "Files": FILE_KNOBS,
     "Display": ("exposure", "gamma", "channel", "background"),
     "Depth": ("depth_range", "colormap"),
+    "Ids": ("id_colors",),
 }
 """Heading -> knobs of settings below it."""
 _OTHER = "Other"

@@ -42,6 +42,11 @@ class DisplaySettings:
         unit="scene unit",
     )
     colormap: Literal["grey", "turbo"] = knob("grey", "of depths")
+    id_colors: Literal["ids", "levels"] = knob(
+        "ids",
+        "of splatId: one for each splat or face, or for each level of splat trees, from blue, "
+        "the root, to red",
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -88,6 +88,7 @@ def acts_of(window: Acting) -> dict[str, Callable[[], Any]]:
             name: partial(lambda name: here().toggle_overlay(name), name)
             for name in ("bounds", "wireframe", "lights")
         },
+        "levels": lambda: here().toggle_levels(),
         "compare": lambda: here().toggle_compare(),
         "previous_aov": lambda: here().next_aov(-1),
         "next_aov": lambda: here().next_aov(1),

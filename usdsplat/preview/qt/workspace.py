@@ -119,8 +119,15 @@ class Workspace(QWidget):
         return {
             "compare": state.other is not None,
             "hud": self.shows_hud,
+            "levels": state.look.aov == "splatId" and state.display.id_colors == "levels",
             **{name: getattr(state, field) for name, field in _OVERLAYS.items()},
         }
+
+    def toggle_levels(self) -> None:
+        """Colour splat trees by level, or show colour again."""
+        is_on, viewer = self.toggles["levels"], self.context.viewer
+        viewer.set_display(id_colors="ids" if is_on else "levels")
+        viewer.set_look(aov="color" if is_on else "splatId")
 
     def toggle_overlay(self, name: str) -> None:
         """Show or hide bounds, wireframe or lights."""
