@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from usdsplat.schema import registration
+
 
 def test_the_folders_hold_our_schemas_and_the_plugin_of_usdview(run):
     """Oracle: the plugInfo.json in each, in USD's own words."""
@@ -41,6 +43,14 @@ def test_the_validators_are_added_only_on_request(run):
     assert os.pathsep.join(rest) == plain.strip()
     (plugin,) = json.loads((Path(last) / "plugInfo.json").read_text())["Plugins"]
     assert "SplatArrays" in plugin["Info"]["Validators"]
+
+
+def test_a_usd_without_validators_of_python_is_one_sentence(run, monkeypatch):
+    """Oracle: the sentence; usd-core 26.3 has no `RegisterPluginPrimValidator`."""
+    monkeypatch.setattr(registration, "VALIDATORS_SINCE", (99, 0, 0))
+    status, out, err = run("plugin-path", "--validators")
+    assert (status, out) == (2, "")
+    assert err.startswith("usdsplat: --validators: found a USD that takes none from Python")
 
 
 @pytest.mark.skipif(os.name == "nt", reason="a shell of Unix")

@@ -194,6 +194,13 @@ def test_a_name_that_is_not_utf_8_is_written(tmp_path: Path) -> None:
         made.text  # noqa: B018 - the property raises
 
 
+def ended_process() -> int:
+    """The number of a process that has ended."""
+    with subprocess.Popen([sys.executable, "-c", ""]) as ended:
+        ended.wait()
+    return ended.pid
+
+
 def left_folder(beside: Path, process: int) -> Path:
     """Make what a process leaves that is killed while it writes."""
     folder = beside / f".usdsplat-{output._computer()}-{process}-0123abcd"
@@ -204,10 +211,9 @@ def left_folder(beside: Path, process: int) -> Path:
 
 def test_what_a_killed_process_left_is_removed(tmp_path: Path) -> None:
     """Oracle: a process that has ended, one that runs, and one of another computer."""
-    with subprocess.Popen([sys.executable, "-c", ""]) as ended:
-        ended.wait()
-    left, ours = left_folder(tmp_path, ended.pid), left_folder(tmp_path, os.getppid())
-    elsewhere = tmp_path / f".usdsplat-00000000-{ended.pid}-0123abcd"
+    ended = ended_process()
+    left, ours = left_folder(tmp_path, ended), left_folder(tmp_path, os.getppid())
+    elsewhere = tmp_path / f".usdsplat-00000000-{ended}-0123abcd"
     elsewhere.mkdir()
     kept = left / "earlier" / "shot.clips"
     kept.mkdir(parents=True)

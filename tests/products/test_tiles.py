@@ -7,6 +7,7 @@ import OpenImageIO as oiio
 import pytest
 
 from tests.cli.conftest import ball
+from tests.core.test_output import ended_process, left_folder
 from usdsplat import formats
 from usdsplat.core.errors import UsageError
 from usdsplat.products.tiles import TileStep, Tiling
@@ -110,13 +111,15 @@ def test_tiles_that_lack_or_are_others_are_refused(run, run_json, shot, tmp_path
 def test_joining_again_keeps_the_picture(run_json, shot, tmp_path, again):
     """Oracle: the bytes of the picture: a join that is repeated after its tiles are gone does
     nothing, and takes away tiles that were drawn again: an engine that loses a worker repeats what
-    that worker did, not what others did."""
+    that worker did, not what others did. So does what a killed process left among them."""
     words = ("render", shot, "-o", tmp_path / "a.exr", "--frames", "1", *SIZE, "--tiles", "2x1")
     for tile in ("1", "2", "join"):
         run_json(*words, "--tile", tile)
     before = (tmp_path / "a.exr").read_bytes()
     for tile in again:
         run_json(*words, "--tile", tile)
+    if again:
+        left_folder(tmp_path / "a.exr.tiles", ended_process())
     assert run_json(*words, "--tile", "join")["pictures"] == []
     assert (tmp_path / "a.exr").read_bytes() == before
     assert not (tmp_path / "a.exr.tiles").exists()

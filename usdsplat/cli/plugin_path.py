@@ -27,6 +27,7 @@ from typing import Annotated
 from usdsplat.cli import console
 from usdsplat.cli.arguments import option
 from usdsplat.cli.reporting import Reporter, ReportingOptions
+from usdsplat.core.errors import BackendError
 
 VARIABLE = "PXR_PLUGINPATH_NAME"
 
@@ -40,7 +41,8 @@ class Options:
     export: Annotated[bool, option()] = False
     """print a shell line that prepends the folders to the variable"""
     validators: Annotated[bool, option()] = False
-    """add the folder of the UsdValidation checks; needs usdsplat in the application's Python"""
+    """add the folder of the UsdValidation checks; needs usdsplat in the application's Python, and
+    USD 26.5 or newer"""
     json: Annotated[bool, option(excludes="--export")] = False
     """print one JSON object with the name of the variable and the folders"""
     reporting: ReportingOptions = field(default_factory=ReportingOptions)
@@ -49,10 +51,12 @@ class Options:
 def run(options: Options, _: Reporter) -> int:
     """Print the folders, or the shell line."""
     from usdsplat.preview import usdview
-    from usdsplat.schema.registration import plugin_folder, validators_folder
+    from usdsplat.schema.registration import plugin_folder, takes_validators, validators_folder
 
     folders = [plugin_folder(), Path(usdview.__file__).parent]
     if options.validators:
+        if not takes_validators():
+            raise BackendError("--validators", "a USD that takes none from Python", "26.5 or newer")
         folders.append(validators_folder())
     value = os.pathsep.join(map(str, folders))
     if options.json:

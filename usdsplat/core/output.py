@@ -223,6 +223,17 @@ def remove_left_folder(folder: Path) -> None:
     shutil.rmtree(folder, ignore_errors=True)
 
 
+def remove_stale(folder: Path) -> None:
+    """Remove the private folders in a folder of processes of this computer that were killed."""
+    if sys.platform == "win32":  # there, os.kill ends processes
+        return
+    with suppress(OSError):
+        for name in os.listdir(folder):
+            found = _PRIVATE.fullmatch(name)
+            if found and found[1] == _computer() and _has_ended(int(found[2])):
+                remove_left_folder(folder / name)
+
+
 def is_private(name: str) -> bool:
     """Return whether a file name is that of a private folder."""
     return _PRIVATE.fullmatch(name) is not None
@@ -235,7 +246,9 @@ def is_private(name: str) -> bool:
 def _private_folder(folder: Path) -> Iterator[None]:
     """Make a private folder, and remove it with all its files, also on Ctrl-C; not if earlier
     results are left in it."""
-    _remove_stale(folder.parent)
+    if folder.parent not in _searched:
+        _searched.add(folder.parent)
+        remove_stale(folder.parent)
     is_needed = False
     try:
         if announce is not None:
@@ -293,18 +306,6 @@ def _computer() -> str:
     with suppress(OSError):
         parts.append(str(os.stat("/proc/self/ns/pid").st_ino))
     return f"{zlib.crc32(chr(0).join(parts).encode(errors='replace')):08x}"
-
-
-def _remove_stale(folder: Path) -> None:
-    """Remove the private folders of processes of this computer that were killed."""
-    if folder in _searched or sys.platform == "win32":  # there, os.kill ends processes
-        return
-    _searched.add(folder)
-    with suppress(OSError):
-        for name in os.listdir(folder):
-            found = _PRIVATE.fullmatch(name)
-            if found and found[1] == _computer() and _has_ended(int(found[2])):
-                remove_left_folder(folder / name)
 
 
 def _has_ended(process: int) -> bool:

@@ -22,6 +22,7 @@ from usdsplat import __version__
 from usdsplat.core.cloud import I64
 from usdsplat.core.errors import FormatError, OutputError, UsageError
 from usdsplat.core.folders import made_folder
+from usdsplat.core.output import remove_stale
 from usdsplat.core.pairs import whole_pair
 from usdsplat.delegate.engine import Engine
 from usdsplat.images.deep import DeepBand
@@ -204,6 +205,7 @@ def remove_tiles(picture: Path) -> None:
     folder = TileStep(Tiling(1, 1), 0).path(picture).parent
     for path in folder.glob("*.tile"):
         path.unlink(missing_ok=True)
+    remove_stale(folder)
     with suppress(OSError):  # there is none, or other files are in it
         folder.rmdir()
 

@@ -21,6 +21,8 @@ from usdsplat.schema.tokens import PACKED_TYPE
 
 PLUGIN_NAME = "usdsplat"
 VALIDATORS_NAME = "usdsplat.schema.validation.plugin"
+VALIDATORS_SINCE = (0, 26, 5)
+"""First version of USD that takes validators from Python."""
 
 
 def plugin_folder() -> Path:
@@ -37,13 +39,21 @@ def validators_folder() -> Path:
     return Path(__file__).resolve().parent / "validation"
 
 
+def takes_validators() -> bool:
+    """Return whether this version of USD takes validators from Python."""
+    return Usd.GetVersion() >= VALIDATORS_SINCE
+
+
 def register() -> None:
-    """Register both plug-ins with USD's plug-in registry, unless the environment already did.
+    """Register our plug-ins with USD's plug-in registry, unless the environment already did.
 
     Never raises and never builds the schema registry, so that other plug-ins can still register.
     """
     registry = Plug.Registry()
-    for name, folder in ((PLUGIN_NAME, plugin_folder()), (VALIDATORS_NAME, validators_folder())):
+    folders = {PLUGIN_NAME: plugin_folder()}
+    if takes_validators():
+        folders[VALIDATORS_NAME] = validators_folder()
+    for name, folder in folders.items():
         if not registry.GetPluginWithName(name):
             registry.RegisterPlugins(str(folder))
 
