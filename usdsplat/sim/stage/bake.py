@@ -97,7 +97,6 @@ class Bake:
         *,
         resume: bool = False,
         keeps_checkpoint: bool = True,
-        may_end_early: bool = False,
     ) -> Bake:
         """Start, resume or extend a bake. Nothing is written yet.
 
@@ -113,7 +112,6 @@ class Bake:
                 fewer frames from the checkpoint that it keeps. Without a bake, or before its first
                 checkpoint, start anew.
             keeps_checkpoint: Keep the checkpoint from which frames can be added.
-            may_end_early: Keep one of each epoch meanwhile, for `end_early`.
 
         Raises:
             StageError: If a field cannot be baked in this mode, or the bake at `target` was made of
@@ -135,8 +133,7 @@ class Bake:
         bake = cls(layers, made, [float(time) for time in times], parameters, provenance)
         bake._keeps = keeps_checkpoint
         last = last_epoch(len(times), parameters.clip_frames)
-        starts = range(0 if may_end_early else last, last + 1, parameters.clip_frames)
-        bake._start_hashes = {start: bake._hash_until(stage, start) for start in starts}
+        bake._start_hashes[last] = bake._hash_until(stage, last)
         if known is None:
             bake._is_new = True
         else:
@@ -222,9 +219,13 @@ class Bake:
         """Frames that are written [time code]."""
         return self._times[: self._frames]
 
+    def may_end_early(self, stage: Usd.Stage) -> None:
+        """Keep a checkpoint of each epoch of the simulated stage meanwhile, for `end_early`."""
+        for start in range(0, len(self._times), self._parameters.clip_frames):
+            self._start_hashes[start] = self._hash_until(stage, start)
+
     def end_early(self, provenance: Provenance) -> None:
-        """End with the frames so far, of this provenance; the others can be added later. Do nothing
-        before the first frame, or the last one of a shorter bake."""
+        """End with the frames so far, unless there are none, or fewer than in a shorter bake."""
         if self._frames and self._frames >= self._shown:
             self._times, self._provenance = list(self.done), provenance
             start = self._times[last_epoch(len(self._times), self._parameters.clip_frames)]
@@ -255,9 +256,8 @@ class Bake:
         if is_clips:
             self._layers.show_clips(self._spans, record)
         else:
-            merged, size = self._merged or 0, self._parameters.clip_frames
-            parts = parts_of(self._layers, self._times, size, merged=merged, epochs=self._epochs)
-            self._layers.show_merged(parts, record)
+            spans = self._parameters.clip_frames, self._merged or 0, self._epochs
+            self._layers.show_merged(parts_of(self._layers, self._times, *spans), record)
         self._layers.end(keeps_clips=is_clips, keeps_checkpoint=self._keeps)
         self.is_complete = True
         return self._layers.target

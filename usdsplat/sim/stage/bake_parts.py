@@ -12,7 +12,7 @@ from usdsplat.sim.stage.sample_layer import Part
 
 
 def parts_of(
-    layers: BakeLayers, times: Sequence[float], size: int, *, merged: int, epochs: int
+    layers: BakeLayers, times: Sequence[float], size: int, merged: int, epochs: int
 ) -> list[Part]:
     """Return the samples of each epoch.
 

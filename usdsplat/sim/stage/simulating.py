@@ -142,8 +142,9 @@ def _open_bake(
             provenance,
             resume=resume,
             keeps_checkpoint=keeps,
-            may_end_early=may_end,
         )
+        if may_end:
+            bake.may_end_early(simulation.stage)
     return bake, provenance
 
 
