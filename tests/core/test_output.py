@@ -222,6 +222,16 @@ def test_what_a_killed_process_left_is_removed(tmp_path: Path) -> None:
     assert set(os.listdir(tmp_path)) == found
 
 
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads /proc")
+def test_a_process_whose_parent_has_not_asked_for_its_status_has_ended() -> None:
+    """Oracle: `os.waitid`, which waits for the end and leaves the process as it is."""
+    with subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE) as process:
+        assert not output._has_ended(process.pid)
+        process.kill()
+        os.waitid(os.P_PID, process.pid, os.WEXITED | os.WNOWAIT)
+        assert output._has_ended(process.pid)
+
+
 def test_a_group_appears_together(tmp_path: Path) -> None:
     """Oracle: the listing within and after the block."""
     with output_group() as group:

@@ -309,13 +309,17 @@ def _computer() -> str:
 
 
 def _has_ended(process: int) -> bool:
-    """Return whether no process of this computer has this number."""
+    """Return whether no process of this computer has this number, or only one whose parent has not
+    asked for its status, as in containers whose first process does not."""
     try:
         os.kill(process, 0)
     except ProcessLookupError:
         return True
     except OSError:
         return False
+    with suppress(OSError):  # other systems have no such file
+        stat = Path(f"/proc/{process}/stat").read_bytes()
+        return stat.rpartition(b")")[2].split()[:1] == [b"Z"]
     return False
 
 
