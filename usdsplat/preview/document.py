@@ -140,20 +140,21 @@ class Document:
         return not state.is_moving
 
     def still(self, state: ViewState) -> Shown:
-        """Return a full-quality picture of a state without publishing it.
+        """Return a full-quality picture of a state without publishing it; `shown` stays.
 
         Raises:
             UsdSplatError: If the state cannot be drawn.
         """
-        still = replace(state, is_moving=False)
+        still, before = replace(state, is_moving=False), self.shown
         with telling(self.publish):
             while True:
                 picture = self._drawing.draw(still, self.lock, self._overlays.find, waits=True)
                 if picture is None or picture.is_final:
                     break
-        assert self.shown is not None
-        self._drawing.forget()
-        return self.shown
+        found = self.shown
+        assert found is not None
+        self._drawing.put_back(before)
+        return found
 
     def bounds(self, paths: tuple[str, ...] = ()) -> Box | None:
         """Return the box to frame, in the world at the current time; None if it is empty.

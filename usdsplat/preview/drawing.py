@@ -40,6 +40,8 @@ from usdsplat.render.memory import resident
 
 FIXED = ("project", "shade", "find ray hits", "find features", "sort")
 """Stages of the renderer whose time does not depend on the resolution."""
+ONCE = ("lay out",)
+"""Stages that only the first picture of some splats has: they count to no picture's cost."""
 
 FindOverlays = Callable[[Engine, ViewState], Overlays]
 
@@ -76,6 +78,8 @@ class Drawing:
         """Number of reads of nodes when it was begun."""
         self._prepared: tuple[Any, ...] = ()
         """Scenes and budget for which the next movement is prepared."""
+        self._reads_stage = False
+        """Whether the last picture read the stage at other times than its own."""
         self.shown: Shown | None = None
         """The last picture, and what it was made from."""
 
@@ -84,10 +88,11 @@ class Drawing:
         self._drawn.clear()
         self.shown = self._wanted = None
 
-    def forget(self) -> None:
-        """Make the next call of `draw` return a picture in any case, as the last one was not
-        displayed."""
-        self._wanted = None
+    def put_back(self, shown: Shown | None) -> None:
+        """Set the last picture to an earlier one, as those since were not displayed. The next call
+        of `draw` returns a picture in any case."""
+        self.shown, self._wanted = shown, None
+        self._forget_closed()
 
     def draw(
         self,
@@ -180,15 +185,18 @@ class Drawing:
             overlays=found,
             warnings=warnings,
         )
-        self._wanted = wanted
+        self._wanted, self._reads_stage = wanted, reads_stage
         self.shown = Shown(picture=picture, quality=quality, sides=tuple(sides))
         return picture
 
     @property
     def is_prepared(self) -> bool:
-        """Whether a further call of `draw` would not make the next movement begin faster."""
+        """Whether a further call of `draw` would not make the next movement begin faster.
+
+        A picture that read the stage at other times would be drawn again by that call.
+        """
         shown = self.shown
-        if shown is None or shown.picture.state.is_moving:
+        if shown is None or shown.picture.state.is_moving or self._reads_stage:
             return True
         scenes = tuple(side.scene for side in shown.sides)
         return self._prepared == self._preparation(shown.picture.state, scenes)
@@ -289,7 +297,8 @@ class Drawing:
         kernels."""
         if self._is_warm:
             fixed = sum(milliseconds.get(name, 0.0) for name in FIXED)
-            rest = sum(milliseconds.values()) - fixed + display
+            once = sum(milliseconds.get(name, 0.0) for name in ONCE)
+            rest = sum(milliseconds.values()) - fixed - once + display
             self._pacer.drew(quality, load, fixed=fixed, rest=rest)
         self._is_warm = True
 
