@@ -9,6 +9,7 @@ import pytest
 from pxr import Gf, UsdGeom, UsdLux
 
 from tests.preview.documents import STATE, drawn_by
+from usdsplat.preview import boxes, overlays
 from usdsplat.preview.overlays import LightMark, Overlays, edges_of
 from usdsplat.render.specs import MeshSpec
 
@@ -67,14 +68,15 @@ def lit(stage):
 
 def test_lights_are_where_they_are_at_the_time(document, events, lit):
     """Oracle: the samples of the stage, halfway; hidden lights and unasked ones have no mark."""
-    drawn_by(document, replace(STATE, time=3.0))
+    state = replace(STATE, time=3.0, shows_lights=True)
+    drawn_by(document, state)
     (found,) = events.pictures[-1].overlays.lights
     assert (found.path, found.shape, found.size) == ("/Lights/Key", "sphere", (0.25, 0.0))
     np.testing.assert_allclose(found.place, (4, 1, 2))
-    drawn_by(document, replace(STATE, time=3.0, shows_lights=False))
+    drawn_by(document, replace(STATE, time=3.0))
     assert events.pictures[-1].overlays == Overlays()
     UsdLux.DomeLight.Define(lit, "/Lights/Sky")
-    drawn_by(document, replace(STATE, time=3.0))
+    drawn_by(document, state)
     shapes = [each.shape for each in events.pictures[-1].overlays.lights]
     assert shapes == ["sphere", "dome"]
 
@@ -92,3 +94,50 @@ def test_bounds_and_edges_are_there_if_they_are_asked_for(document, events, lit)
     count = len(events.pictures)
     drawn_by(document, state)
     assert len(events.pictures) == count, "nothing has changed"
+
+
+def test_bounds_are_those_of_each_prim_and_made_once(document, events, lit, monkeypatch):
+    """Oracle: the box of each path by itself, of a field with a mesh below it too; counted: one
+    pass for a version of the scene, however many pictures."""
+    child = UsdGeom.Mesh.Define(lit, "/World/A/Plate")
+    child.CreatePointsAttr([(9, 9, 9), (8, 8, 9), (9, 8, 7)])
+    child.CreateFaceVertexCountsAttr([3])
+    child.CreateFaceVertexIndicesAttr([0, 1, 2])
+    passes, whole = [], boxes.of_each
+    monkeypatch.setattr(boxes, "of_each", lambda scene: passes.append(scene) or whole(scene))
+    for width in (64, 65, 66):
+        drawn_by(document, replace(STATE, shows_bounds=True, size=(width, 48)))
+    scene = document.engine.render_scene
+    alone = tuple(boxes.drawn(scene, path) for path in scene.prims())
+    assert len(alone) == 4 and events.pictures[-1].overlays.bounds == alone
+    assert len(passes) == 1
+    child.GetPointsAttr().Set([(5, 5, 5), (4, 4, 5), (5, 4, 3)])
+    drawn_by(document, replace(STATE, shows_bounds=True))
+    assert len(passes) == 2 and events.pictures[-1].overlays.bounds != alone
+
+
+def test_edges_are_dropped_when_they_are_off(document, lit, monkeypatch):
+    """Oracle: counted: the edges of the plate are found again when they are on again."""
+    found = []
+    monkeypatch.setattr(overlays, "edges_of", lambda spec: found.append(spec) or edges_of(spec))
+    shown = replace(STATE, shows_edges=True)
+    for state in (shown, replace(shown, size=(65, 48)), STATE, shown):
+        drawn_by(document, state)
+    assert len(found) == 2
+
+
+@pytest.mark.parametrize("is_authored", [True, False])
+def test_of_many_faces_some_have_edges(monkeypatch, is_authored):
+    """Oracle: counted: a strip of 40 squares; of 80 triangles at most 20 are looked at, of whole
+    squares, whose diagonals are left out."""
+    points = np.array([(x, y, 0) for x in range(41) for y in (0, 1)], np.float32)
+    first = 2 * np.arange(40)[:, None]
+    triangles = (first + [[0, 2, 3, 0, 3, 1]]).reshape(-1, 3).astype(np.int32)
+    faces = np.repeat(np.arange(40), 2).astype(np.int32)
+    spec = MeshSpec(points=points, triangles=triangles, faces=faces if is_authored else 0 * faces)
+    assert len(edges_of(spec)) == (121 if is_authored else 161)
+    monkeypatch.setattr(overlays, "MOST_FACES", 20)
+    edges = edges_of(spec)
+    assert len(edges) == (40 if is_authored else 60)
+    lengths = np.linalg.norm(edges[:, 0] - edges[:, 1], axis=1)
+    assert (lengths.max() == 1.0) == is_authored

@@ -12,7 +12,7 @@ from usdsplat.core import morton
 from usdsplat.kernels import curve, sort
 from usdsplat.kernels.devices import open_device
 from usdsplat.kernels.project import BLOCK
-from usdsplat.render.spatial_order import LEAST, SpatialOrder, laid_out
+from usdsplat.render.spatial_order import LEAST, SpatialOrder, StorageOrder, laid_out
 
 
 def test_a_cloud_is_laid_out_the_second_time_it_is_drawn():
@@ -93,3 +93,12 @@ def test_ties_go_by_appearance_and_row(equal):
     device.run(sort.settle, work[0][half], order, n, sources, first_slots, np.zeros(n, np.int64))
     appearance = np.searchsorted(first_slots, visible, side="right")
     np.testing.assert_array_equal(order, np.lexsort([sources, appearance, keys]))
+
+
+def test_arrays_in_the_order_of_rows_are_dropped_with_their_splats():
+    """Oracle: the arrays of the cloud that is asked for, after a change."""
+    order, device = StorageOrder(), open_device("cpu")
+    before, after = (random_cloud(seed) for seed in (1, 2))
+    assert order.of(device, before).positions is before.positions
+    order.forget()
+    assert order.of(device, after).positions is after.positions

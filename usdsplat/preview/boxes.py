@@ -41,16 +41,30 @@ def drawn(scene: RenderScene, path: str) -> Corners:
     The box of a single instance is aligned with its own axes, that of several with the world's.
     Distant outliers are ignored.
     """
-    found: list[Corners] = []
+    lead = path.rstrip("/") + "/"
+    return _joined(
+        [
+            corners(box, matrix(instance.transform))
+            for _, thing, instance in _things(scene)
+            if instance.path == path or instance.path.startswith(lead)
+            if (box := scene.subject_of(thing)) is not None
+        ]
+    )
+
+
+def of_each(scene: RenderScene) -> tuple[Corners, ...]:
+    """Return what `drawn` returns for each drawn prim that has a box, in the order of `prims`."""
+    found: dict[str, list[Corners]] = {path: [] for path in scene.prims()}
     for _, thing, instance in _things(scene):
-        if instance.path == path or instance.path.startswith(path.rstrip("/") + "/"):
-            box = scene.subject_of(thing)
-            if box is not None:
-                found.append(corners(box, matrix(instance.transform)))
-    if len(found) == 1:
-        return found[0]
-    box = around(point for each in found for point in each)
-    return corners(box) if box is not None else ()
+        box = scene.subject_of(thing)
+        if box is None:
+            continue
+        placed, path = corners(box, matrix(instance.transform)), instance.path
+        while path:
+            if path in found:
+                found[path].append(placed)
+            path = path.rpartition("/")[0]
+    return tuple(_joined(each) for each in found.values() if each)
 
 
 class Reach:
@@ -77,6 +91,14 @@ class Reach:
             for instance in tree.instances:
                 points += corners(tree.box, matrix(instance.transform))
         return around(points)
+
+
+def _joined(found: list[Corners]) -> Corners:
+    """Return the only box, or that around several; () for none."""
+    if len(found) == 1:
+        return found[0]
+    box = around(point for each in found for point in each)
+    return corners(box) if box is not None else ()
 
 
 def _things(scene: RenderScene) -> list[Drawn | DrawnMesh]:

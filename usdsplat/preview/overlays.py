@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
 from usdsplat.core.cloud import F32, F64
 from usdsplat.preview.boxes import Corners
@@ -16,8 +15,10 @@ from usdsplat.render.scene import RenderScene, matrix
 from usdsplat.render.specs import Matrix, MeshSpec
 
 LightShape = Literal["sphere", "disk", "rect", "cylinder", "distant", "dome"]
-MOST_EDGES = 200_000
+MOST_EDGES = 20_000
 """Number of edges that are drawn of all meshes together; of more, a part of each mesh."""
+MOST_FACES = 100_000
+"""Number of triangles whose edges are looked for in one mesh; of more, some authored faces."""
 ROUND = 32
 """Sides of the polygon that stands for a circle."""
 
@@ -38,6 +39,11 @@ class LightMark:
     def place(self) -> F64:
         """Origin of the light in the world, shape (3,)."""
         return np.reshape(self.matrix, (4, 4))[:3, 3]
+
+    @property
+    def has_place(self) -> bool:
+        """Whether it is anywhere: a dome and a distant light at the origin were never moved."""
+        return self.shape not in ("dome", "distant") or bool(self.place.any())
 
     def figure(self, length: float) -> Iterator[F64]:
         """Yield the world lines that show its shape, shape (n, 3) each.
@@ -98,11 +104,15 @@ class Overlays:
 
 
 class Wireframe:
-    """The edges of the meshes of a scene; those of unchanged meshes are kept."""
+    """The edges of the meshes of a scene; those of unchanged meshes are kept while shown."""
 
     def __init__(self) -> None:
         self._segments: dict[int, tuple[MeshSpec, F32]] = {}
         self._last: tuple[int, tuple[MeshEdges, ...]] = (-1, ())
+
+    def forget(self) -> None:
+        """Drop all edges; they are not shown."""
+        self._segments, self._last = {}, (-1, ())
 
     def of(self, scene: RenderScene, version: int) -> tuple[MeshEdges, ...]:
         """Return the edges; the same objects while the version of the scene is the same."""
@@ -127,15 +137,25 @@ def edges_of(spec: MeshSpec) -> F32:
     """Return the edges between the authored faces of a mesh, shape (n, 2, 3).
 
     The edges inside a face, which its triangulation made, are left out. A surface without authored
-    faces, such as a sphere, counts as one face, and has those of all triangles.
+    faces, such as a sphere, counts as one face, and has those of all triangles. Of more than
+    `MOST_FACES` triangles, those of every so many faces are taken.
     """
-    pairs = spec.triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
-    pairs = np.sort(pairs, axis=1).astype(np.int64)
-    if len(spec.faces) and spec.faces.min() < spec.faces.max():
-        keyed = np.column_stack([pairs, np.repeat(spec.faces, 3)])
-        _, first, counts = np.unique(keyed, axis=0, return_index=True, return_counts=True)
-        pairs = pairs[first[counts == 1]]
-    drawn: npt.NDArray[np.int64] = np.unique(pairs, axis=0)
+    triangles, faces = spec.triangles, spec.faces
+    has_faces = len(faces) > 0 and faces.min() < faces.max()
+    step = -(-len(triangles) // MOST_FACES)
+    if step > 1:
+        kept = (faces if has_faces else np.arange(len(triangles))) % step == 0
+        triangles, faces = triangles[kept], faces[kept] if has_faces else faces
+    pairs = triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2).astype(np.int64)
+    keys = pairs.min(axis=1) * len(spec.points) + pairs.max(axis=1)
+    if has_faces:
+        owners = np.repeat(faces, 3)
+        order = np.lexsort((owners, keys))
+        keys, owners = keys[order], owners[order]
+        is_same = (keys[1:] == keys[:-1]) & (owners[1:] == owners[:-1])
+        is_inner = np.concatenate([[False], is_same]) | np.concatenate([is_same, [False]])
+        keys = keys[~is_inner]
+    drawn = np.stack(np.divmod(np.unique(keys), max(len(spec.points), 1)), axis=1)
     return np.asarray(spec.points[drawn], np.float32)
 
 

@@ -88,8 +88,8 @@ def in_box(
 ) -> tuple[str, ...]:
     """Return the paths of the prims that are visible in a box of the viewport, sorted.
 
-    A prim counts if it has half of the coverage of a pixel there. In a comparison, the side in the
-    middle of the box decides.
+    A prim counts if, in a pixel there, it is the one at the depth where half of the pixel's
+    coverage is reached. In a comparison, the side in the middle of the box decides.
 
     Args:
         document: Document whose last picture is used.

@@ -83,8 +83,8 @@ class ViewState:
     """Whether the boxes of all drawn prims are wanted."""
     shows_edges: bool = False
     """Whether the edges of meshes are wanted."""
-    shows_lights: bool = True
-    """Whether the places of lights are wanted."""
+    shows_lights: bool = False
+    """Whether the places of lights are wanted; a window wants them at first."""
     is_moving: bool = False
     """Whether a fast next picture matters more than a good one."""
 

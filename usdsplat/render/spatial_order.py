@@ -125,6 +125,10 @@ class StorageOrder(SpatialOrder):
         super().__init__()
         self._layout: OrderedSplats | None = None
 
+    def forget(self) -> None:
+        """Drop the arrays; the splats have changed."""
+        self._layout = None
+
     def of(self, device: Device, cloud: SplatCloud) -> OrderedSplats:
         """Return the splats of `cloud` as they are."""
         if self._layout is None:

@@ -16,6 +16,7 @@ from tests.preview.qt.conftest import wait_until
 from tests.preview.qt.windows import LEFT, opened, press, type_into
 from tests.preview.simulating.hosts import shot
 from tests.preview.stage_model.stages import rich
+from usdsplat.preview.qt.panel_context import PAUSE
 from usdsplat.preview.qt.window import Window
 from usdsplat.preview.qt.workspace import Workspace
 from usdsplat.sim.stage.authoring import author
@@ -97,6 +98,25 @@ def test_animated_parameters_are_those_of_the_time(window: Window, tmp_path: Pat
     for time, friction in ((2.0, "0.9"), (5.0, "0.4"), (1.0, "0")):
         viewer.set_time(time)
         wait_until(lambda friction=friction: field.text() == friction)
+
+
+def test_parameters_without_samples_are_not_asked_for_at_each_time(
+    workspace: Workspace, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Oracle: counted: no query of the stage while the time changes."""
+    panel, viewer = workspace.simulation, workspace.context.viewer
+    wait_until(lambda: panel.prims.count())
+    QTest.qWait(2 * PAUSE)  # queries that were begun before
+    asked: list[float | None] = []
+    monkeypatch.setattr(
+        "usdsplat.preview.qt.simulation_panel.parameters.editors",
+        lambda stage, *, time: asked.append(time) or (),
+    )
+    for time in (2.0, 3.0):
+        viewer.set_time(time)
+        windows.settled(workspace)
+    QTest.qWait(2 * PAUSE)
+    assert asked == []
 
 
 def test_a_parameter_out_of_range_says_so_and_the_old_value_comes_back(

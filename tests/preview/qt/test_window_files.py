@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from pxr import Sdf, Usd, UsdGeom
-from PySide6.QtCore import QMimeData, QPoint, QPointF, Qt, QUrl
+from PySide6.QtCore import QDir, QMimeData, QPoint, QPointF, Qt, QUrl
 from PySide6.QtGui import QDropEvent
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import (
@@ -22,10 +22,14 @@ from tests.preview.qt.conftest import wait_until
 from tests.preview.qt.windows import LEFT, click_cell, image, opened, press, settled, type_into
 from usdsplat import formats
 from usdsplat.interchange.exporting import export_capture
+from usdsplat.preview.camera import FreeCamera
+from usdsplat.preview.document import Document
 from usdsplat.preview.qt.picture_dialogs import FlipbookDialog, ScreenshotDialog
 from usdsplat.preview.qt.prim_model import VISIBLE
 from usdsplat.preview.qt.window import Window
 from usdsplat.preview.qt.workspace import Workspace
+from usdsplat.preview.sides import Shown
+from usdsplat.preview.values import ViewState
 
 
 def test_the_session_layer_and_a_screenshot_are_saved(
@@ -108,6 +112,57 @@ def test_what_is_seen_is_exported(
     ours, theirs = (formats.read(tmp_path / each).cloud for each in (name, f"mine_{name}"))
     np.testing.assert_array_equal(ours.positions, theirs.positions)
     assert f"{len(theirs)} splats" in window.note
+
+
+def test_an_export_that_fails_leaves_only_its_sentence(
+    window: Window, workspace: Workspace, tmp_path: Path
+) -> None:
+    """Oracle: the problem, and a status line without what was begun."""
+    settled(workspace)
+    window.saving.write_export(tmp_path / "seen.obj")
+    assert window.note == "Writing seen.obj…"
+    wait_until(lambda: "obj" in workspace.problems.sentence)
+    assert window.note == ""
+
+
+def test_the_dialog_of_an_export_shows_every_format(window: Window, workspace: Workspace) -> None:
+    """Oracle: Qt's own match of names with the patterns of its filter, also of a file in a
+    folder of its own."""
+    window.saving.export()
+    (dialog,) = window.findChildren(QFileDialog)
+    patterns = dialog.nameFilters()[0].partition("(")[2].rstrip(")").split()
+    for name in ("a.ply", "a.sog", "a.usda", "meta.json"):
+        assert QDir.match(patterns, name), name
+    dialog.reject()
+
+
+def test_pictures_of_another_shape_have_the_view_of_the_viewport(
+    window: Window, workspace: Workspace, tmp_path: Path
+) -> None:
+    """Oracle: the view before and after: the camera that frames everything stays, in the pictures,
+    which have one camera although the scene moves, and in the viewport."""
+    viewer = workspace.context.viewer
+    viewer.use_camera(None)
+    camera = settled(workspace).camera
+    states: list[ViewState] = []
+    still = Document.still
+
+    def noted(document: Document, state: ViewState) -> Shown:
+        states.append(state)
+        return still(document, state)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Document, "still", noted)
+        window.saving.write_flipbook(tmp_path / "a.####.png", (1.0, 12.0), (90, 30))
+        wait_until(lambda: "and 1 more" in window.note)
+        window.saving.write_screenshot(tmp_path / "b.png", size=(30, 90))
+        wait_until(lambda: window.note == "Wrote b.png")
+    assert len({each.camera for each in states}) == 1 and len(states) == 3
+    assert isinstance(states[0].camera, FreeCamera)
+    theirs = states[0].camera.spec(aspect=1.0, bounds=None).world_to_camera
+    np.testing.assert_allclose(theirs, camera.world_to_camera, atol=1e-6)
+    viewer.set_display(exposure=0.5)
+    assert settled(workspace).camera == camera
 
 
 def test_a_flipbook_of_some_frames(window: Window, workspace: Workspace, tmp_path: Path) -> None:

@@ -49,7 +49,7 @@ KEYS = (
         begins=True,
     ),
     Key(name="flipbook", menu="File", text="Flipbook…", keys=("Ctrl+Shift+F",)),
-    Key(name="export", menu="File", text="Export what is seen…", keys=("Ctrl+E",), begins=True),
+    Key(name="export", menu="File", text="Export visible splats…", keys=("Ctrl+E",), begins=True),
     Key(name="close", menu="File", text="Close window", keys=("Ctrl+W",), begins=True),
     Key(name="quit", menu="File", text="Quit", keys=("Ctrl+Q",)),
     Key(name="undo", menu="Edit", text="Undo", keys=("Ctrl+Z",)),

@@ -26,6 +26,7 @@ from usdsplat.preview.qt.picture_dialogs import (
     ask_name,
 )
 from usdsplat.preview.stage_model import saving as stage_saving
+from usdsplat.preview.values import ViewState
 from usdsplat.products.cancel import CancelToken
 
 USD = "USD layers (*.usda *.usd *.usdc)"
@@ -96,8 +97,7 @@ class Saving(QObject):
 
     def write_screenshot(self, path: Path, *, size: tuple[int, int] | None = None) -> None:
         """Write a full-quality picture of the viewport, of a size [pixel] or its own."""
-        state = self._context.viewer.state
-        state = replace(state, size=size or state.size)
+        state = self._state(size)
         self._write(path, lambda document: saving.save_view(document, state, path))
 
     def flipbook(self) -> None:
@@ -107,22 +107,30 @@ class Saving(QObject):
         dialog.open()
 
     def export(self) -> None:
-        """Ask for a file of any format, and write what is seen of splats."""
-        suffixes = " ".join(f"*{suffix}" for suffix in exporting.suffixes())
+        """Ask for a file of any format, and write the visible splats."""
+        patterns = " ".join(
+            suffix[1:] if suffix.startswith("/") else f"*{suffix}"
+            for suffix in exporting.suffixes()
+        )
         ask_name(
             self._window,
-            "Export what is seen",
-            f"Splats ({suffixes})",
+            "Export visible splats",
+            f"Splats ({patterns})",
             "seen.ply",
             self.write_export,
         )
 
     def write_export(self, path: Path) -> None:
-        """Write the splats that are seen at the current time."""
+        """Write the splats that are visible at the current time."""
         state = self._context.viewer.state
+
+        def failed(error: UsdSplatError) -> None:
+            self._said("")
+            self._context.complain(str(error))
+
         self._said(f"Writing {path.name}…")
         self._context.proxy.ask(
-            lambda document: exporting.export_seen(document, state, path), self._said
+            lambda document: exporting.export_seen(document, state, path), self._said, failed
         )
 
     def write_flipbook(
@@ -132,8 +140,7 @@ class Saving(QObject):
         progress = _Progress(path.name, len(frames), self._window)
         self._context.destroyed.connect(progress.deleteLater)  # the stage was closed
         reporter = _Reporter(partial(self._context.proxy.call, progress.setValue))
-        state = self._context.viewer.state
-        state = replace(state, size=size or state.size)
+        state = self._state(size)
 
         def failed(error: UsdSplatError) -> None:
             progress.deleteLater()
@@ -154,6 +161,16 @@ class Saving(QObject):
             self._context.proxy.ask(book.turn, done, failed)
 
         ask()
+
+    def _state(self, size: tuple[int, int] | None) -> ViewState:
+        """Return the state of pictures of a size [pixel], or the viewport's.
+
+        They have the camera of the last picture: one that frames everything would frame the scene
+        again for another shape.
+        """
+        viewer = self._context.viewer
+        camera = viewer.state.camera or viewer.free_camera()
+        return replace(viewer.state, size=size or viewer.state.size, camera=camera)
 
     def _write(self, path: Path, task: Callable[[Document], Any]) -> None:
         self._context.proxy.ask(task, lambda result: self._said(f"Wrote {path.name}"))

@@ -203,6 +203,7 @@ class SimulationPanel(QWidget):
         def answered(prims: tuple[ParameterPrim, ...]) -> None:
             done()
             self._show_prims(prims)
+            self._follow_time()
 
         self._time = time = self._context.time
         self._context.proxy.ask(
@@ -234,6 +235,13 @@ class SimulationPanel(QWidget):
         row = self.prims.currentRow()
         return self._prims[row] if 0 <= row < len(self._prims) else None
 
+    def _follow_time(self) -> None:
+        """Ask for the values of another time, if any parameter has others."""
+        is_animated = any(each.is_animated for prim in self._prims for each in prim.editors)
+        if is_animated and self._context.time != self._time:
+            self._time = self._context.time
+            self._question.refresh()
+
     def _choose(self, row: int) -> None:
         """Show a prim's parameters and select it."""
         prim = self._chosen()
@@ -243,9 +251,7 @@ class SimulationPanel(QWidget):
 
     def _follow(self) -> None:
         """Show the values at the time, and the parameters of a prim that was selected elsewhere."""
-        if self._context.time != self._time:
-            self._time = self._context.time
-            self._question.refresh()
+        self._follow_time()
         paths = [prim.path for prim in self._prims]
         if self._context.selected in paths:
             self.prims.setCurrentRow(paths.index(self._context.selected))
@@ -253,10 +259,9 @@ class SimulationPanel(QWidget):
     def _set(self, name: str, value: Any, merge: str) -> None:
         prim = self._chosen()
         if prim is not None:
-            is_animated = any(each.is_animated for each in prim.editors if each.name == name)
-            time = self._context.time if is_animated else None
+            now = self._context.time
             step = partial(
-                _set, path=prim.path, name=name, value=value, time=time, merge=merge or None
+                _set, path=prim.path, name=name, value=value, now=now, merge=merge or None
             )
             drag = f"{prim.path} {name} {merge}" if merge else ""
             self._context.edit(step, failed=lambda: self._question.refresh(at_once=True), drag=drag)
@@ -290,6 +295,6 @@ def _record(document: Document, *, path: Path, existing: Existing) -> None:
 
 
 def _set(
-    edits: Edits, *, path: str, name: str, value: Any, time: float | None, merge: str | None
+    edits: Edits, *, path: str, name: str, value: Any, now: float | None, merge: str | None
 ) -> None:
-    parameters.set_parameter(edits, path, name, value, time=time, merge=merge)
+    parameters.edit_parameter(edits, path, name, value, now=now, merge=merge)

@@ -31,6 +31,7 @@ from PySide6.QtWidgets import QWidget
 
 from usdsplat.preview.manipulator import Manipulator, Mode, Space
 from usdsplat.preview.projection import Pixel, Projection
+from usdsplat.preview.qt.viewport_figures import EdgeLines
 from usdsplat.preview.qt.viewport_holds import BoxHold, HandleHold, Hold, NavigatingHold
 from usdsplat.preview.qt.viewport_navigation import (
     MODE_KEYS,
@@ -80,6 +81,7 @@ class Viewport(QWidget):
         self.space: Space = "world"
         self.shows_hud = True
         self._image = QImage()
+        self._edges = EdgeLines()
         self._rate = Rate()
         self._moves = Moves()
         self._hold: Hold | None = None
@@ -176,6 +178,7 @@ class Viewport(QWidget):
             size=self._size(),
             ratio=self.devicePixelRatioF(),
             projection=self.projection,
+            edges=self._edges.of(self.picture, self._size(), self.projection),
             manipulator=self.manipulator,
             hot=self._hot.handle,
             hot_light=self._hot.light,

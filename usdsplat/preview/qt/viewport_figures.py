@@ -6,7 +6,7 @@ Lengths are in viewport pixels; `ratio` is viewport pixels per window pixel.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import pairwise
 
 from PySide6.QtCore import QLineF, QPointF, Qt
@@ -15,6 +15,7 @@ from PySide6.QtGui import QColor, QPainter, QPen
 from usdsplat.core.cloud import F64
 from usdsplat.preview.overlays import LightMark, MeshEdges
 from usdsplat.preview.projection import Pixel, Projection
+from usdsplat.preview.values import Picture
 
 LAMP = QColor(236, 206, 120)
 CHOSEN = QColor(255, 255, 255)
@@ -24,21 +25,33 @@ LAMP_RADIUS = 5.0
 """Radius of the icon of a light [pixel of the window]."""
 LAMP_REACH = 11.0
 """Maximum distance from the icon for a hit."""
+APART = 2.0
+"""Distance up to which icons are at one place."""
 LENGTH = 42.0
 """Length on the screen of what has none of its own, such as a direction."""
 RAYS = 8
 
 
-def light_at(
+def lights_at(
     lights: Iterable[LightMark], pixel: Pixel, projection: Projection, *, ratio: float
-) -> str:
-    """Return the path of the nearest light whose icon is under a pixel; "" for none."""
+) -> tuple[str, ...]:
+    """Return the paths of the nearest light whose icon is under a pixel, and of those at its place,
+    sorted.
+
+    A dome or a distant light that was never moved is no target: its icon is at the origin, where it
+    would take the clicks on what is there.
+    """
     found = [
-        (math.dist(place, pixel), mark.path)
+        (math.dist(place, pixel), mark.path, place)
         for mark, place in _placed(lights, projection)
-        if math.dist(place, pixel) <= LAMP_REACH * ratio
+        if mark.has_place and math.dist(place, pixel) <= LAMP_REACH * ratio
     ]
-    return min(found)[1] if found else ""
+    if not found:
+        return ()
+    nearest = min(found)[2]
+    return tuple(
+        sorted(path for _, path, place in found if math.dist(place, nearest) <= APART * ratio)
+    )
 
 
 def paint_lights(
@@ -63,16 +76,42 @@ def paint_lights(
         _paint_lamp(painter, QPointF(*place), color, ratio * wide)
 
 
-def paint_edges(
-    painter: QPainter, edges: Sequence[MeshEdges], projection: Projection, *, ratio: float
-) -> None:
-    """Paint the edges of meshes; those that reach behind the camera are left out."""
+class EdgeLines:
+    """The edges of meshes as lines of a viewport, made once for a picture and a size."""
+
+    def __init__(self) -> None:
+        self._of: tuple[Picture, tuple[int, int]] | None = None
+        self._lines: list[QLineF] = []
+
+    def of(
+        self, picture: Picture, size: tuple[int, int], projection: Projection
+    ) -> Sequence[QLineF]:
+        """Return the lines; edges that reach behind the camera are left out.
+
+        Args:
+            picture: The displayed picture.
+            size: Width and height of the viewport [pixel].
+            projection: Of that picture and size.
+        """
+        if self._of is None or self._of[0] is not picture or self._of[1] != size:
+            self._of = picture, size
+            self._lines = [
+                line for each in picture.overlays.edges for line in _lines_of(each, projection)
+            ]
+        return self._lines
+
+
+def paint_edges(painter: QPainter, lines: Sequence[QLineF], *, ratio: float) -> None:
+    """Paint the edges of meshes."""
     painter.setPen(QPen(EDGE, ratio))
-    for each in edges:
-        points = each.segments.reshape(-1, 3) @ each.to_world[:3, :3].T + each.to_world[:3, 3]
-        is_ahead = (projection.depths(points) > projection.near).reshape(-1, 2).all(axis=1)
-        pixels = projection.pixels(points).reshape(-1, 4)[is_ahead]
-        painter.drawLines([QLineF(*line) for line in pixels.tolist()])
+    painter.drawLines(lines)
+
+
+def _lines_of(edges: MeshEdges, projection: Projection) -> Iterator[QLineF]:
+    points = edges.segments.reshape(-1, 3) @ edges.to_world[:3, :3].T + edges.to_world[:3, 3]
+    is_ahead = (projection.depths(points) > projection.near).reshape(-1, 2).all(axis=1)
+    pixels = projection.pixels(points).reshape(-1, 4)[is_ahead]
+    return (QLineF(*line) for line in pixels.tolist())
 
 
 def _placed(

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 
-from PySide6.QtCore import QPointF, QRectF, Qt
+from PySide6.QtCore import QLineF, QPointF, QRectF, Qt
 from PySide6.QtGui import QImage, QPainter
 
 from usdsplat.preview.manipulator import Handle, Manipulator
@@ -62,6 +63,8 @@ class Scene:
     ratio: float
     """Screen pixels per window pixel."""
     projection: Projection
+    edges: Sequence[QLineF]
+    """The edges of meshes."""
     manipulator: Manipulator | None
     hot: Handle | None
     """The handle under the pointer."""
@@ -113,7 +116,7 @@ def _paint_placed(painter: QPainter, scene: Scene) -> None:
     """Paint overlays with a position in the picture, in viewport pixels."""
     ratio, (width, height) = scene.ratio, scene.size
     over, state = scene.picture.overlays, scene.picture.state
-    figures.paint_edges(painter, over.edges, scene.projection, ratio=ratio)
+    figures.paint_edges(painter, scene.edges, ratio=ratio)
     boxes = (*over.bounds, *scene.picture.boxes)
     overlays.paint_boxes(painter, boxes, scene.projection, ratio=ratio)
     figures.paint_lights(

@@ -14,7 +14,7 @@ from PySide6.QtCore import Qt
 from usdsplat.preview.manipulator import Handle, Manipulator
 from usdsplat.preview.overlays import LightMark
 from usdsplat.preview.projection import Pixel, Projection
-from usdsplat.preview.qt.viewport_figures import light_at
+from usdsplat.preview.qt.viewport_figures import lights_at
 from usdsplat.preview.qt.viewport_holds import (
     CLICK,
     BoxHold,
@@ -39,15 +39,20 @@ class Hot:
 
     handle: Handle | None = None
     is_wipe: bool = False
-    light: str = ""
-    """Path of a light; "" for none."""
+    lights: tuple[str, ...] = ()
+    """Paths of lights, all at one place."""
+
+    @property
+    def light(self) -> str:
+        """Path of the first of the lights; "" for none."""
+        return self.lights[0] if self.lights else ""
 
     @property
     def cursor(self) -> Qt.CursorShape:
         """Cursor that says what a drag would do."""
         if self.is_wipe:
             return Qt.CursorShape.SplitHCursor
-        return Qt.CursorShape.PointingHandCursor if self.light else Qt.CursorShape.ArrowCursor
+        return Qt.CursorShape.PointingHandCursor if self.lights else Qt.CursorShape.ArrowCursor
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -72,7 +77,7 @@ class Targets:
         handle = self.manipulator.hit(pixel, self.projection) if self.manipulator else None
         if handle is not None:
             return Hot(handle=handle)
-        return Hot(light=light_at(self.lights, pixel, self.projection, ratio=self.ratio))
+        return Hot(lights=lights_at(self.lights, pixel, self.projection, ratio=self.ratio))
 
     def _is_wipe(self, pixel: Pixel) -> bool:
         state = self.viewer.state
@@ -88,6 +93,24 @@ def grip_of(x: float, size: tuple[int, int], *, ratio: float) -> Pixel:
     """Return the middle of the wipe's handle, which stays in the viewport at its edges too."""
     reach = GRIP_REACH * ratio
     return min(max(x, reach), max(size[0] - reach, reach)), 0.5 * size[1]
+
+
+def with_lights(
+    selected: tuple[str, ...], lights: tuple[str, ...], *, adds: bool
+) -> tuple[str, ...]:
+    """Return the selection after a click on lights at one place.
+
+    A click selects the first, and repeated clicks the others in turn. One that adds to the
+    selection adds the next light, and takes the first one out when all are selected.
+    """
+    if adds:
+        new = [each for each in lights if each not in selected]
+        if new:
+            return (*selected, new[0])
+        return tuple(each for each in selected if each != lights[0])
+    last = selected[-1] if selected else ""
+    after = lights.index(last) + 1 if last in lights else 0
+    return (lights[after % len(lights)],)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -125,9 +148,8 @@ class Press:
         adds = bool(self.modifiers & Qt.KeyboardModifier.ShiftModifier)
 
         def clicked() -> None:
-            if hot.light:
-                kept = tuple(each for each in viewer.state.selected if adds and each != hot.light)
-                viewer.select((*kept, hot.light))
+            if hot.lights:
+                viewer.select(with_lights(viewer.state.selected, hot.lights, adds=adds))
             else:
                 self.clicked(self.pixel, adds)
 

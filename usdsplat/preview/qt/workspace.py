@@ -78,6 +78,7 @@ class Workspace(QWidget):
         self._watch = QTimer(self)
         self._watch.timeout.connect(self._files.refresh)
         self._watch.start(LOOK_AT_FILES)
+        context.viewer.set_overlays(shows_lights=True)
         context.viewer.opened(opened)
         self.tree.model.refresh()
 

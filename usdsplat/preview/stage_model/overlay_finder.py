@@ -37,6 +37,8 @@ class OverlayFinder:
         self._stage = stage
         self._lights: tuple[str, ...] | None = None
         self._wireframe = Wireframe()
+        self._bounds: tuple[int, tuple[boxes.Corners, ...]] = (-1, ())
+        """Boxes of all drawn prims, and the version of their scene."""
 
     def forget(self) -> None:
         """Look for lights again; the prims of the stage have changed."""
@@ -46,10 +48,15 @@ class OverlayFinder:
         """Return the overlays of a state, whose engine is synced."""
         scene = engine.render_scene
         found = (self.outline(engine, path) for path in state.selected)
-        everything = scene.prims() if state.shows_bounds else ()
+        if not state.shows_bounds:
+            self._bounds = -1, ()
+        elif self._bounds[0] != engine.version:
+            self._bounds = engine.version, boxes.of_each(scene)
+        if not state.shows_edges:
+            self._wireframe.forget()
         return Overlays(
             boxes=tuple(corners for corners in found if corners),
-            bounds=tuple(filter(None, (boxes.drawn(scene, path) for path in everything))),
+            bounds=self._bounds[1],
             lights=self.lights(engine.time) if state.shows_lights else (),
             edges=self._wireframe.of(scene, engine.version) if state.shows_edges else (),
         )

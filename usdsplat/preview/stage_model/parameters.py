@@ -138,6 +138,29 @@ def set_parameter(
     edits.set_parameter(prim, name, typed(item, value), time=time, merge=merge)
 
 
+def edit_parameter(
+    edits: Edits, path: str, name: str, value: Any, *, now: float | None, merge: str | None = None
+) -> None:
+    """Set a parameter as a panel shows it: an animated one at the time of the view, which keeps
+    its other samples, and any other one for all times.
+
+    Args:
+        edits, path, name, value, merge: As for `set_parameter`.
+        now: Time code of the view; None is USD's default time.
+
+    Raises:
+        UsdSplatError: As for `set_parameter`.
+    """
+    _, _, item = find(name)
+    prim = edits.stage.GetPrimAtPath(path) if path.startswith("/") else None
+    is_animated = bool(prim) and _is_animated(prim.GetAttribute(f"{NAMESPACE}:{name}"), item)
+    set_parameter(edits, path, name, value, time=now if is_animated else None, merge=merge)
+
+
+def _is_animated(attribute: Usd.Attribute, item: Knob) -> bool:
+    return bool(attribute) and not item.uniform and attribute.GetNumTimeSamples() > 0
+
+
 def _editors(prim: Usd.Prim, code: Usd.TimeCode) -> Iterator[Editor]:
     """Yield the editors of all groups that are applied to a prim or have authored attributes."""
     if prim.GetTypeName() == SIMULATION_TYPE:
@@ -189,7 +212,7 @@ def _editor(prim: Usd.Prim, item: Knob, name: str, heading: str, code: Usd.TimeC
         problem = str(error)
     return replace(
         editor_of(item, held, name=name, group=heading),
-        is_animated=bool(attribute) and not item.uniform and attribute.GetNumTimeSamples() > 0,
+        is_animated=_is_animated(attribute, item),
         is_authored=bool(attribute) and attribute.HasAuthoredValue(),
         is_read_only=prim.IsInstanceProxy(),
         problem=problem,
