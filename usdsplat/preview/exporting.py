@@ -1,4 +1,4 @@
-"""Export the splats that a viewport shows, to a file of any format, as `usdsplat convert` does."""
+"""Export the visible splats of a stage to a file of any format, as `usdsplat convert` does."""
 
 from __future__ import annotations
 
@@ -20,10 +20,11 @@ def suffixes() -> tuple[str, ...]:
 
 
 def export_seen(document: Document, state: ViewState, path: Path | str) -> str:
-    """Write what is seen of splats, with the edits of the session; a task for a session.
+    """Write the visible splats, with the edits of the session; a task for a session.
 
-    A capture has the visible fields at the time of the viewport, in world space; crops and grades
-    are not applied to it, as captures have none. A USD file is the whole stage in one layer, which
+    A capture has the visible fields at the time of the viewport, in world space, except those of
+    purpose proxy or guide, whichever the viewport shows; crops and grades are not applied to it, as
+    captures have none. A USD file is the whole stage in one layer, which
     keeps them, and its animation.
 
     Args:
