@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
@@ -41,30 +41,20 @@ def drawn(scene: RenderScene, path: str) -> Corners:
     The box of a single instance is aligned with its own axes, that of several with the world's.
     Distant outliers are ignored.
     """
-    lead = path.rstrip("/") + "/"
-    return _joined(
-        [
-            corners(box, matrix(instance.transform))
-            for _, thing, instance in _things(scene)
-            if instance.path == path or instance.path.startswith(lead)
-            if (box := scene.subject_of(thing)) is not None
-        ]
-    )
+    return of_each(scene, (path,))[path]
 
 
-def of_each(scene: RenderScene) -> tuple[Corners, ...]:
-    """Return what `drawn` returns for each drawn prim that has a box, in the order of `prims`."""
-    found: dict[str, list[Corners]] = {path: [] for path in scene.prims()}
-    for _, thing, instance in _things(scene):
-        box = scene.subject_of(thing)
-        if box is None:
-            continue
-        placed, path = corners(box, matrix(instance.transform)), instance.path
-        while path:
-            if path in found:
-                found[path].append(placed)
-            path = path.rpartition("/")[0]
-    return tuple(_joined(each) for each in found.values() if each)
+def of_each(scene: RenderScene, paths: Sequence[str]) -> dict[str, Corners]:
+    """Return what `drawn` returns for each of some paths, in their order, in one pass."""
+    found: dict[str, list[Corners]] = {path: [] for path in paths}
+    for _, thing, instance in _things(scene) if found else ():
+        over = [found[path] for path in _upwards(instance.path) if path in found]
+        box = scene.subject_of(thing) if over else None
+        if box is not None:
+            placed = corners(box, matrix(instance.transform))
+            for each in over:
+                each.append(placed)
+    return {path: _joined(each) for path, each in found.items()}
 
 
 class Reach:
@@ -91,6 +81,14 @@ class Reach:
             for instance in tree.instances:
                 points += corners(tree.box, matrix(instance.transform))
         return around(points)
+
+
+def _upwards(path: str) -> Iterator[str]:
+    """Yield a path and those of its ancestors, up to "/"."""
+    while path not in ("", "/"):
+        yield path
+        path = path.rpartition("/")[0]
+    yield "/"
 
 
 def _joined(found: list[Corners]) -> Corners:

@@ -47,11 +47,13 @@ class OverlayFinder:
     def find(self, engine: Engine, state: ViewState) -> Overlays:
         """Return the overlays of a state, whose engine is synced."""
         scene = engine.render_scene
-        found = (self.outline(engine, path) for path in state.selected)
+        drawn = boxes.of_each(scene, state.selected)
+        found = (drawn[path] or self._extent(engine, path) for path in state.selected)
         if not state.shows_bounds:
             self._bounds = -1, ()
         elif self._bounds[0] != engine.version:
-            self._bounds = engine.version, boxes.of_each(scene)
+            everything = boxes.of_each(scene, scene.prims()).values()
+            self._bounds = engine.version, tuple(filter(None, everything))
         if not state.shows_edges:
             self._wireframe.forget()
         return Overlays(
@@ -73,9 +75,12 @@ class OverlayFinder:
 
     def outline(self, engine: Engine, path: str) -> boxes.Corners:
         """Return the box of a prim: of its drawn parts, else its extent; () without either."""
-        drawn = boxes.drawn(engine.render_scene, path)
-        if drawn:
-            return drawn
+        return boxes.drawn(engine.render_scene, path) or self._extent(engine, path)
+
+    # --- private ---------------------------------------------------------------------------
+
+    def _extent(self, engine: Engine, path: str) -> boxes.Corners:
+        """Return the box that USD computes of a prim; () without one."""
         prim = self._stage.GetPrimAtPath(path)
         if not prim or not prim.IsA(UsdGeom.Imageable):
             return ()
@@ -92,8 +97,6 @@ class OverlayFinder:
             return ()
         points = (bound.GetMatrix().Transform(span.GetCorner(i)) for i in range(8))
         return tuple((point[0], point[1], point[2]) for point in points)
-
-    # --- private ---------------------------------------------------------------------------
 
     def _mark(self, path: str, code: Usd.TimeCode, cache: UsdGeom.XformCache) -> LightMark | None:
         """Return the mark of a light; None if it is hidden or its place is invalid."""

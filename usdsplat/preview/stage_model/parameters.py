@@ -153,7 +153,8 @@ def edit_parameter(
     """
     _, _, item = find(name)
     prim = edits.stage.GetPrimAtPath(path) if path.startswith("/") else None
-    is_animated = bool(prim) and _is_animated(prim.GetAttribute(f"{NAMESPACE}:{name}"), item)
+    attribute = prim.GetAttribute(f"{NAMESPACE}:{name}") if prim else None
+    is_animated = attribute is not None and _is_animated(attribute, item)
     set_parameter(edits, path, name, value, time=now if is_animated else None, merge=merge)
 
 
