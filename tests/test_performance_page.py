@@ -151,3 +151,10 @@ def test_every_result_that_is_kept_is_shown() -> None:
     text = performance.TEXT.read_text(encoding="utf-8")
     for name in performance.all_results():
         assert f"results: {name} -->" in text, name
+
+
+def test_the_page_is_made_of_its_text_and_results(tmp_path: Path) -> None:
+    """Oracle: the page in the repository: what is written by hand there would be lost."""
+    text = performance.TEXT.read_text(encoding="utf-8")
+    made = performance.page(text, performance.all_results(), tmp_path)
+    assert made == performance.PAGE.read_text(encoding="utf-8")

@@ -57,6 +57,7 @@ def look(
     screen, space = Screen.of(view_of(eye)), "srgb_rec709_scene"
     buffers = FrameBuffers(device.resident)
     projector = Projector(device, buffers, scene.draw_list(), screen, settings_of(), space)
+    projector.lay_out()
     projector.project()
     projector.shade()
     projector.find_ray_hits()

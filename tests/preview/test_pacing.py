@@ -9,6 +9,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from usdsplat.preview import pacing
 from usdsplat.preview.pacing import (
     FULL,
     LONGEST_MS,
@@ -64,6 +65,34 @@ class Machine:
             seen.append(self.pacer.moving(self.now, self.load))
             self.draw(seen[-1], held_up(self.now))
         return seen
+
+
+def test_a_movement_begins_with_the_splats_of_the_last_one_if_they_nearly_fit():
+    """Oracle: written down by hand: the choice stays within a step, and follows a new machine."""
+    machine = Machine(90.0, 20.0, Load(pixels=960 * 720, splats=1_000_000))
+    first = machine.move(5.0)[-1]
+    assert first.splats is not None
+    for held_up in (1.15, 0.9, 1.1):
+        machine.pacer.resting(None, machine.load)
+        for _ in range(5):
+            machine.draw(first, held_up)
+        assert machine.pacer.first(machine.load) == first
+    for _ in range(5):
+        machine.draw(first, 4.0)
+    slower = machine.pacer.first(machine.load)
+    assert slower.splats is not None and slower.splats < first.splats
+
+
+def test_a_machine_that_is_busy_for_a_moment_does_not_make_full_pictures_look_cheap():
+    """Oracle: written down by hand: small pictures that took as long as full ones, because other
+    programs ran, say that the machine is slow, and not that the number of splats does not matter.
+    """
+    cost = pacing.Cost(1e-4)
+    for _ in range(3):
+        cost.learn(1_000_000, 100.0)
+    for _ in range(3):
+        cost.learn(65_000, 100.0)
+    assert cost.of(1_000_000) > 5.0 * cost.of(65_000)
 
 
 def changes(seen: list[Quality]) -> int:

@@ -63,6 +63,16 @@ def test_a_drag_is_one_step_at_the_time_that_is_shown() -> None:
     assert first == second != third
 
 
+def test_pictures_are_fast_while_a_prim_is_dragged() -> None:
+    """Oracle: the states that the session gets, until the button is released."""
+    viewer, session = with_ball()
+    viewer.begin_drag()
+    viewer.place(at(1.0))
+    assert session.states[-1].is_moving
+    viewer.end_move()
+    assert not session.states[-1].is_moving
+
+
 def test_only_the_newest_place_waits_for_an_edit_that_goes_on() -> None:
     """Oracle: of many places during one edit the last is authored, and handles follow the hand."""
     viewer, session = with_ball()

@@ -17,7 +17,7 @@ from usdsplat.delegate.engine import Engine
 from usdsplat.preview.document import Document
 from usdsplat.preview.histogram import histogram
 from usdsplat.preview.pacing import Quality
-from usdsplat.preview.picking import REACH, pick
+from usdsplat.preview.picking import REACH, in_box, pick
 from usdsplat.preview.probe import probe
 from usdsplat.preview.values import DisplaySettings, Look
 
@@ -218,3 +218,29 @@ def test_a_histogram_counts_what_the_screen_shows(opened):
     for channel, counts in enumerate((found.red, found.green, found.blue)):
         expected, _ = np.histogram(image[..., channel], bins=256, range=(0, 256))
         assert list(counts) == expected.tolist()
+
+
+def test_a_box_finds_the_prims_that_are_seen_in_it(stage):
+    """Oracle: similar triangles: where the balls are; a box beyond the edges is cut, and what is
+    hidden behind a nearer prim is not in it."""
+    for path, place in (("/World/Left", (-3.0, -1.0, 0.0)), ("/World/Hidden", (-2.0, 1.0, -6.0))):
+        cloud = balls()
+        few = replace(
+            cloud,
+            **{
+                name: getattr(cloud, name)[:1]
+                for name in ("scales", "rotations", "opacities", "sh")
+            },
+            positions=np.array([place], np.float32),
+        )
+        schema.author(stage, path, few)
+    document = Document(stage)
+    drawn_by(document, STATE)
+    x, y = pixel((-3.0, -1.0, 0.0))
+    assert in_box(document, x - 2, y - 2, x + 2, y + 2) == ("/World/Left",)
+    x, y = pixel(PLACES[1])
+    assert in_box(document, x - 2, y - 2, x + 2, y + 2) == ("/World/Balls",)
+    assert in_box(document, -50, -50, 500, 500)[0] == "/World/Balls"
+    assert "/World/Left" in in_box(document, -50, -50, 500, 500)
+    assert in_box(document, -9, -9, -1, -1) == () == in_box(document, 0, 0, 3, 3)
+    document.close()

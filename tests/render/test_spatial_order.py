@@ -12,7 +12,7 @@ from usdsplat.core import morton
 from usdsplat.kernels import curve, sort
 from usdsplat.kernels.devices import open_device
 from usdsplat.kernels.project import BLOCK
-from usdsplat.render.spatial_order import LEAST, SpatialOrder, laid_out
+from usdsplat.render.spatial_order import LEAST, SpatialOrder, StorageOrder, laid_out
 
 
 def test_a_cloud_is_laid_out_the_second_time_it_is_drawn():
@@ -26,6 +26,22 @@ def test_a_cloud_is_laid_out_the_second_time_it_is_drawn():
     assert spatial_order.of(device, other).positions is other.positions
     few = random_cloud(2, n=LEAST - 1)
     assert [spatial_order.of(device, few).rows.size for _ in range(3)] == [0, 0, 0]
+
+
+def test_the_orders_of_a_view_at_rest_and_of_its_movements_are_kept():
+    """Oracle: identity, written down by hand: the last splats and the most keep their order, so
+    that a change of the budget costs one order and a movement none."""
+    device, most = open_device("cpu"), random_cloud(1, n=2 * LEAST)
+    some, fewer = (random_cloud(seed, n=LEAST + seed) for seed in (2, 3))
+    spatial_order = SpatialOrder()
+    of = lambda cloud: [spatial_order.of(device, cloud) for _ in range(2)][1]  # noqa: E731
+    whole, part = of(most), of(some)
+    assert spatial_order.of(device, most) is whole and spatial_order.is_made
+    assert spatial_order.of(device, some) is part
+    assert spatial_order.of(device, fewer).rows.size == 0 and not spatial_order.is_made
+    assert spatial_order.of(device, most) is whole
+    spatial_order.forget()
+    assert spatial_order.of(device, most).rows.size == 0
 
 
 def test_rows_say_where_each_splat_was():
@@ -77,3 +93,12 @@ def test_ties_go_by_appearance_and_row(equal):
     device.run(sort.settle, work[0][half], order, n, sources, first_slots, np.zeros(n, np.int64))
     appearance = np.searchsorted(first_slots, visible, side="right")
     np.testing.assert_array_equal(order, np.lexsort([sources, appearance, keys]))
+
+
+def test_arrays_in_the_order_of_rows_are_dropped_with_their_splats():
+    """Oracle: the arrays of the cloud that is asked for, after a change."""
+    order, device = StorageOrder(), open_device("cpu")
+    before, after = (random_cloud(seed) for seed in (1, 2))
+    assert order.of(device, before).positions is before.positions
+    order.forget()
+    assert order.of(device, after).positions is after.positions

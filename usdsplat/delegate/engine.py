@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from typing import Any, Literal
 
@@ -23,7 +23,7 @@ from usdsplat.render.band import BAND_PIXELS, Band
 from usdsplat.render.cost import Work
 from usdsplat.render.deep_memory import USUAL_SIZE, DeepSize
 from usdsplat.render.deep_samples import DeepSamples
-from usdsplat.render.frame_stats import FrameStats
+from usdsplat.render.frame_stats import FrameStats, keep_on
 from usdsplat.render.lod.memory import estimate
 from usdsplat.render.memory import COLOR_ALONE, Estimate, PictureRequest
 from usdsplat.render.renderer import ReadHoldout, TimeSampler, depends_on_time
@@ -310,14 +310,15 @@ class Engine:
         aovs: tuple[str, ...] = ("color",),
         *,
         sync: bool = True,
+        check: Callable[[], None] = keep_on,
     ) -> dict[str, Pixels]:
         """Return a whole picture; it is drawn only if it differs from the last one.
 
         Args:
             view, settings, aovs: As for `render`.
             sync: False draws the last synced state without reading the stage, which another thread
-                may edit meanwhile. Only pictures that need other times, for motion blur or the
-                motion AOVs, still read the stage.
+                may edit meanwhile. Only motion blur and the motion AOVs still read the stage.
+            check: Called between the stages of the picture, which an error that it raises ends.
 
         Returns:
             Pixels of the data window by AOV, read-only, shape (height, width) or, for color,
@@ -328,8 +329,8 @@ class Engine:
         self._open()
         settings = self._resolved(settings)
         buffers = {name: self._index.buffer(name) for name in aovs}
-        sampler = self._times(view, settings, aovs)
-        self._drawer.render_pass.execute(view, settings, aovs, buffers, sampler=sampler)
+        draw, sampler = self._drawer.render_pass.execute, self._times(view, settings, aovs)
+        draw(view, settings, aovs, buffers, sampler=sampler, check=check)
         return {name: buffer.map() for name, buffer in buffers.items()}
 
     def estimate(

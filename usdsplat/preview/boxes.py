@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
@@ -41,16 +41,20 @@ def drawn(scene: RenderScene, path: str) -> Corners:
     The box of a single instance is aligned with its own axes, that of several with the world's.
     Distant outliers are ignored.
     """
-    found: list[Corners] = []
-    for _, thing, instance in _things(scene):
-        if instance.path == path or instance.path.startswith(path.rstrip("/") + "/"):
-            box = scene.subject_of(thing)
-            if box is not None:
-                found.append(corners(box, matrix(instance.transform)))
-    if len(found) == 1:
-        return found[0]
-    box = around(point for each in found for point in each)
-    return corners(box) if box is not None else ()
+    return of_each(scene, (path,))[path]
+
+
+def of_each(scene: RenderScene, paths: Sequence[str]) -> dict[str, Corners]:
+    """Return what `drawn` returns for each of some paths, in their order, in one pass."""
+    found: dict[str, list[Corners]] = {path: [] for path in paths}
+    for _, thing, instance in _things(scene) if found else ():
+        over = [found[path] for path in _upwards(instance.path) if path in found]
+        box = scene.subject_of(thing) if over else None
+        if box is not None:
+            placed = corners(box, matrix(instance.transform))
+            for each in over:
+                each.append(placed)
+    return {path: _joined(each) for path, each in found.items()}
 
 
 class Reach:
@@ -77,6 +81,22 @@ class Reach:
             for instance in tree.instances:
                 points += corners(tree.box, matrix(instance.transform))
         return around(points)
+
+
+def _upwards(path: str) -> Iterator[str]:
+    """Yield a path and those of its ancestors, up to "/"."""
+    while path not in ("", "/"):
+        yield path
+        path = path.rpartition("/")[0]
+    yield "/"
+
+
+def _joined(found: list[Corners]) -> Corners:
+    """Return the only box, or that around several; () for none."""
+    if len(found) == 1:
+        return found[0]
+    box = around(point for each in found for point in each)
+    return corners(box) if box is not None else ()
 
 
 def _things(scene: RenderScene) -> list[Drawn | DrawnMesh]:

@@ -272,3 +272,12 @@ def _steep(forward: F64, up: F64, up_axis: str) -> tuple[F64, float]:
 def _vector(array: F64) -> Vector:
     x, y, z = (float(value) for value in array)
     return x, y, z
+
+
+def middle_of(subject: Subject | None, spec: CameraSpec) -> Vector:
+    """Return the middle of a subject as a camera sees it; the origin without one."""
+    if subject is None:
+        return 0.0, 0.0, 0.0
+    middle, _ = subject.extent(np.reshape(spec.world_to_camera, (4, 4))[:3, :3])
+    x, y, z = map(float, middle)
+    return x, y, z

@@ -20,6 +20,7 @@ from usdsplat.images.cryptomatte import LAYERS
 from usdsplat.kernels import false_color, show
 from usdsplat.kernels.device import Device
 from usdsplat.preview import palette
+from usdsplat.preview.tree_levels import Levels
 from usdsplat.preview.values import DisplaySettings, Image, Look
 from usdsplat.preview.viewing import DisplayTransforms
 from usdsplat.render.fields import Box
@@ -46,8 +47,9 @@ BESIDE = {
     "motionBackward": "depth",
     "confidence": "depth",
     "occlusion": "depth",
+    "elementId": "primId",
 }
-"""AOVs that are also needed to show an AOV, because they mark empty pixels."""
+"""AOVs that are also needed to show an AOV, because they mark empty pixels or tell trees apart."""
 
 LUMINANCE = luminance(REC709)
 _LINEAR = convert(np.repeat(np.arange(256)[:, None] / 255, 3, 1), "srgb_rec709_display",
@@ -84,6 +86,7 @@ class Display:
         is_moving: bool = False,
         prims: tuple[str, ...] = (),
         subject: Box | None = None,
+        levels: Levels | None = None,
     ) -> Image:
         """Return the displayed image, shape (h, w, 3).
 
@@ -94,6 +97,7 @@ class Display:
             scale: Viewport pixels per side of an array's pixel.
             is_moving: Whether to keep value ranges nearly constant.
             prims: Paths of the prims by primId.
+            levels: Levels of splat trees, to colour elements by them.
             subject: World-space box of displayed positions; None for a unit cube.
 
         Raises:
@@ -127,6 +131,9 @@ class Display:
         elif name in LAYERS:
             pairs = np.ascontiguousarray(pixels).reshape(*pixels.shape[:2], -1, 2)
             run(false_color.mattes, pairs, palette.SHIFT, palette.COLORS, *end)
+        elif name == "elementId" and levels is not None:
+            found = levels.at(arrays["primId"], pixels, prims)
+            run(false_color.counted, found, levels.colors, *end)
         elif name == "primId":
             run(false_color.counted, pixels, palette.of_names(prims), *end)
         else:

@@ -14,21 +14,22 @@ from typing import Any
 
 from pxr import Sdf, Tf, Usd, UsdGeom
 
-from usdsplat.core.errors import StageError
 from usdsplat.delegate.engine import Engine
 from usdsplat.interchange.provenance import KEY
 from usdsplat.kernels.device import CpuDevice
 from usdsplat.preview import boxes
 from usdsplat.preview.compiling import telling
 from usdsplat.preview.display import Display
-from usdsplat.preview.drawing import Drawing, Shown
+from usdsplat.preview.drawing import Drawing, wanted_always
 from usdsplat.preview.scenes import Scenes
+from usdsplat.preview.sides import Shown
 from usdsplat.preview.sources import Sources
 from usdsplat.preview.stage_model.edits import Edits
+from usdsplat.preview.stage_model.overlay_finder import OverlayFinder
 from usdsplat.preview.values import Event, Opened, StageChanged, ViewState
 from usdsplat.render.fields import Box
 from usdsplat.render.subject import Subject, of_box
-from usdsplat.schema.stage_values import up_axis, world_bound
+from usdsplat.schema.stage_values import up_axis
 from usdsplat.sim.stage.collections import find_simulations
 
 
@@ -76,6 +77,7 @@ class Document:
         self._thread = threading.get_ident()
         self._change: StageChanged | None = None
         self._notice = Tf.Notice.Register(Usd.Notice.ObjectsChanged, self._note_change, stage)
+        self._overlays = OverlayFinder(stage)
         display = Display(CpuDevice(threads=threads))  # pictures are in host memory already
         self._drawing = Drawing(self._scenes, display)
 
@@ -101,7 +103,7 @@ class Document:
                 axes_are_assumed=self._axes("frame_source") == "assumed",
             )
 
-    def draw(self, state: ViewState) -> bool:
+    def draw(self, state: ViewState, is_wanted: Callable[[], bool] = wanted_always) -> bool:
         """Draw a new picture and publish it.
 
         A picture does not wait for the nodes of splat trees: `wake` is called when some were read,
@@ -109,39 +111,50 @@ class Document:
 
         Edits of the stage since the last call are published first, once.
 
+        Args:
+            state: State of the viewport.
+            is_wanted: Called between the stages of the picture; False ends it, and nothing is
+                published.
+
         Returns:
-            Whether to call this again at once, for a picture of higher quality.
+            Whether to call this again at once, for a picture of higher quality, or to prepare the
+            next movement.
 
         Raises:
             UsdSplatError: If the state cannot be drawn.
         """
         change, self._change = self._change, None
         if change is not None:
+            if change.structure:
+                self._overlays.forget()
             if change.structure and self.simulation is not None:
                 self.simulation.look()
             self.publish(change)
         with telling(self.publish):
-            picture = self._drawing.draw(state, self.lock, self._outlines)
+            picture = self._drawing.draw(state, self.lock, self._overlays.find, is_wanted=is_wanted)
         if picture is None:
             return False
         self.publish(picture)
-        return not (picture.is_final or state.is_moving)
+        if picture.is_final:
+            return not self._drawing.is_prepared
+        return not state.is_moving
 
     def still(self, state: ViewState) -> Shown:
-        """Return a full-quality picture of a state without publishing it.
+        """Return a full-quality picture of a state without publishing it; `shown` stays.
 
         Raises:
             UsdSplatError: If the state cannot be drawn.
         """
-        still = replace(state, is_moving=False)
+        still, before = replace(state, is_moving=False), self.shown
         with telling(self.publish):
             while True:
-                picture = self._drawing.draw(still, self.lock, self._outlines, waits=True)
+                picture = self._drawing.draw(still, self.lock, self._overlays.find, waits=True)
                 if picture is None or picture.is_final:
                     break
-        assert self.shown is not None
-        self._drawing.forget()
-        return self.shown
+        found = self.shown
+        assert found is not None
+        self._drawing.put_back(before)
+        return found
 
     def bounds(self, paths: tuple[str, ...] = ()) -> Box | None:
         """Return the box to frame, in the world at the current time; None if it is empty.
@@ -152,7 +165,9 @@ class Document:
         with self.lock:
             if not paths:
                 return self.engine.render_scene.subject()
-            corners = [corner for path in paths for corner in self._outline(self.engine, path)]
+            corners = [
+                corner for path in paths for corner in self._overlays.outline(self.engine, path)
+            ]
         return boxes.around(corners)
 
     def subject(self, paths: tuple[str, ...] = ()) -> Subject | None:
@@ -208,28 +223,3 @@ class Document:
             structure=others or ranges or before.structure,
             visibility=hidings or before.visibility,
         )
-
-    def _outlines(self, engine: Engine, paths: tuple[str, ...]) -> tuple[boxes.Corners, ...]:
-        found = (self._outline(engine, path) for path in paths)
-        return tuple(corners for corners in found if corners)
-
-    def _outline(self, engine: Engine, path: str) -> boxes.Corners:
-        """Return the box of a prim: of its drawn parts, else its extent; () without either."""
-        drawn = boxes.drawn(engine.render_scene, path)
-        if drawn:
-            return drawn
-        prim = self.stage.GetPrimAtPath(path)
-        if not prim or not prim.IsA(UsdGeom.Imageable):
-            return ()
-        code = Usd.TimeCode.Default() if engine.time is None else Usd.TimeCode(engine.time)
-        tokens = UsdGeom.Imageable.GetOrderedPurposeTokens()
-        cache = UsdGeom.BBoxCache(code, tokens, useExtentsHint=True, ignoreVisibility=True)
-        try:
-            bound = world_bound(prim, cache)
-        except StageError:
-            return ()
-        span = bound.GetRange()
-        if span.IsEmpty():
-            return ()
-        points = (bound.GetMatrix().Transform(span.GetCorner(i)) for i in range(8))
-        return tuple((point[0], point[1], point[2]) for point in points)

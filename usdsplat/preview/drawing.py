@@ -6,6 +6,8 @@ that comes from scene or stage.
 lock.
 3. Images for display are made of the AOVs. The two sides of a comparison are joined.
 
+A picture in progress that is no longer wanted ends after its current stage.
+
 Pictures of a viewport do not wait until the nodes of splat trees are read: coarser ones are drawn
 in their place, and the picture is drawn again when some were read.
 
@@ -14,7 +16,6 @@ AOVs are cached, so that a change of exposure, wipe or channel needs no new draw
 
 from __future__ import annotations
 
-import math
 import threading
 import time
 from collections.abc import Callable, Iterable, Mapping
@@ -27,73 +28,31 @@ import numpy as np
 from usdsplat.delegate.engine import Engine
 from usdsplat.delegate.render_buffer import Pixels
 from usdsplat.kernels.compiling import compile_time
-from usdsplat.preview.boxes import Corners
 from usdsplat.preview.display import Display, needed
+from usdsplat.preview.overlays import Overlays
 from usdsplat.preview.pacing import Load, Pacer, Quality
 from usdsplat.preview.scenes import Scene, Scenes
-from usdsplat.preview.values import Image, Look, Picture, ViewState
+from usdsplat.preview.sides import Job, Shown, Side, cut_of, job_of, view_of
+from usdsplat.preview.tree_levels import Levels
+from usdsplat.preview.values import Image, Picture, ViewState
 from usdsplat.render.frame_stats import FrameStats
-from usdsplat.render.framing import conform
 from usdsplat.render.memory import resident
-from usdsplat.render.renderer import depends_on_time
-from usdsplat.render.settings import RenderSettings
-from usdsplat.render.specs import Framing, View
 
 FIXED = ("project", "shade", "find ray hits", "find features", "sort")
 """Stages of the renderer whose time does not depend on the resolution."""
+ONCE = ("lay out",)
+"""Stages that only the first picture of some splats has: they count to no picture's cost."""
 
-Outlines = Callable[[Engine, tuple[str, ...]], tuple[Corners, ...]]
-
-
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Side:
-    """Inputs and results of drawing one side of a picture."""
-
-    scene: Scene
-    view: View
-    """View that the engine drew."""
-    arrays: Mapping[str, Pixels]
-    """Hydra's name of an AOV -> its pixels, read-only."""
-
-    @property
-    def look(self) -> Look:
-        """Look of this side."""
-        return self.scene.look
+FindOverlays = Callable[[Engine, ViewState], Overlays]
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Shown:
-    """The last picture, and what it was made from."""
-
-    picture: Picture
-    quality: Quality
-    sides: tuple[Side, ...]
-    """One side, or the left and the right one of a comparison."""
-
-    def side_at(self, x: float) -> Side:
-        """Return the side that is visible at a column of the viewport [pixel]."""
-        state = self.picture.state
-        return self.sides[-1 if x >= cut_of(state) else 0]
+class _Unwanted(Exception):
+    """Signal that a picture in progress is no longer wanted."""
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class _Job:
-    """One side to draw."""
-
-    scene: Scene
-    view: View
-    settings: RenderSettings
-    aovs: tuple[str, ...]
-
-    @property
-    def key(self) -> tuple[Any, ...]:
-        """Cache key, equal for sides that differ only in their AOVs."""
-        return self.scene.place, self.view, self.settings
-
-    @property
-    def reads_stage(self) -> bool:
-        """Whether drawing reads the stage at other times than the current one."""
-        return depends_on_time(self.settings, self.view.camera, self.aovs)
+def wanted_always() -> bool:
+    """Return True: the picture is wanted, whatever happens meanwhile."""
+    return True
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -117,6 +76,10 @@ class Drawing:
         """Parts of nodes of splat trees that the last picture lacks."""
         self._reads = 0
         """Number of reads of nodes when it was begun."""
+        self._prepared: tuple[Any, ...] = ()
+        """Scenes and budget for which the next movement is prepared."""
+        self._reads_stage = False
+        """Whether the last picture read the stage at other times than its own."""
         self.shown: Shown | None = None
         """The last picture, and what it was made from."""
 
@@ -125,26 +88,30 @@ class Drawing:
         self._drawn.clear()
         self.shown = self._wanted = None
 
-    def forget(self) -> None:
-        """Make the next call of `draw` return a picture in any case, as the last one was not
-        displayed."""
-        self._wanted = None
+    def put_back(self, shown: Shown | None) -> None:
+        """Set the last picture to an earlier one, as those since were not displayed. The next call
+        of `draw` returns a picture in any case."""
+        self.shown, self._wanted = shown, None
+        self._forget_closed()
 
     def draw(
         self,
         state: ViewState,
         lock: threading.RLock,
-        outlines: Outlines,
+        overlays: FindOverlays,
         *,
         waits: bool = False,
+        is_wanted: Callable[[], bool] = wanted_always,
     ) -> Picture | None:
-        """Return the next picture; None if the last one is still valid and of the same quality.
+        """Return the next picture; None if the last one is still valid and of the same quality, or
+        the next one was no longer wanted before it was finished.
 
         Args:
             state: State of the viewport.
             lock: Held while the stage is read.
-            outlines: Function that returns the boxes of the prims at some paths.
+            overlays: Function that returns what is drawn over the picture of a state.
             waits: Whether to wait until the nodes of splat trees are read.
+            is_wanted: Called between the stages of a picture; False ends it.
 
         Raises:
             UsdSplatError: If something that the state requests cannot be drawn.
@@ -158,16 +125,17 @@ class Drawing:
                     scenes = self._scenes.synced(state)
             finally:
                 self._forget_closed()
-            found = outlines(scenes[0].engine, state.selected)
+            found = overlays(scenes[0].engine, state)
             warnings = _told(scenes[0].engine)
             wanted = (replace(state, is_moving=False), *(s.place for s in scenes), found, warnings)
             quality = self._quality(state, wanted, scenes)
-            jobs = [_job(state, scene, quality, waits=waits) for scene in scenes]
+            jobs = [job_of(state, scene, quality, waits=waits) for scene in scenes]
             reads_stage = any(job.reads_stage for job in jobs)
             reads = _reads(scenes)
             is_finer = self._missing and (waits or reads != self._reads)
             is_same = wanted == self._wanted and not is_finer
             if is_same and not reads_stage and self._is_shown(state, quality):
+                self._prepare(state, scenes)
                 return None
             synced = time.perf_counter()
             if reads_stage:
@@ -175,8 +143,11 @@ class Drawing:
             else:
                 holding.close()
             self._wanted = None
-            with compile_time() as compiled:
-                new = self._render(jobs)
+            try:
+                with compile_time() as compiled:
+                    new = self._render(jobs, is_wanted)
+            except _Unwanted:
+                return None
         sides = [
             Side(scene=job.scene, view=job.view, arrays=self._drawn[job.key].arrays) for job in jobs
         ]
@@ -210,14 +181,40 @@ class Drawing:
             milliseconds=milliseconds,
             megabytes=1e-6 * resident(),
             device=scenes[0].engine.device,
-            boxes=found,
+            boxes=found.boxes,
+            overlays=found,
             warnings=warnings,
         )
-        self._wanted = wanted
+        self._wanted, self._reads_stage = wanted, reads_stage
         self.shown = Shown(picture=picture, quality=quality, sides=tuple(sides))
         return picture
 
+    @property
+    def is_prepared(self) -> bool:
+        """Whether a further call of `draw` would not make the next movement begin faster.
+
+        A picture that read the stage at other times would be drawn again by that call.
+        """
+        shown = self.shown
+        if shown is None or shown.picture.state.is_moving or self._reads_stage:
+            return True
+        scenes = tuple(side.scene for side in shown.sides)
+        return self._prepared == self._preparation(shown.picture.state, scenes)
+
     # --- private ---------------------------------------------------------------------------
+
+    def _preparation(self, state: ViewState, scenes: tuple[Scene, ...]) -> tuple[Any, ...]:
+        """Return what can be prepared for a movement: scenes, and the budget of their splats."""
+        budget = self._pacer.first(_load(state, scenes)).splats
+        some = tuple((each.number, each.version) for each in scenes if not each.has_trees)
+        return (some, budget) if budget is not None and some else ()
+
+    def _prepare(self, state: ViewState, scenes: tuple[Scene, ...]) -> None:
+        """Choose the splats of a budget for a movement, while the view rests."""
+        self._prepared = self._preparation(state, scenes)
+        for scene in scenes:
+            if self._prepared and not scene.has_trees:
+                scene.engine.render_scene.draw_list(self._prepared[1])
 
     def _forget_closed(self) -> None:
         """Drop the last picture if its engine has been closed."""
@@ -245,9 +242,18 @@ class Drawing:
             return False
         return self.shown.quality.is_at_least(quality)
 
-    def _render(self, jobs: list[_Job]) -> list[FrameStats]:
-        """Draw the sides that are not cached, and return the statistics of these drawings."""
-        asked: dict[tuple[Any, ...], tuple[_Job, tuple[str, ...]]] = {}
+    def _render(self, jobs: list[Job], is_wanted: Callable[[], bool]) -> list[FrameStats]:
+        """Draw the sides that are not cached, and return the statistics of these drawings.
+
+        Raises:
+            _Unwanted: If they are no longer wanted.
+        """
+
+        def check() -> None:
+            if not is_wanted():
+                raise _Unwanted
+
+        asked: dict[tuple[Any, ...], tuple[Job, tuple[str, ...]]] = {}
         for job in jobs:
             before = asked[job.key][1] if job.key in asked else ()
             asked[job.key] = job, tuple(dict.fromkeys((*before, *job.aovs)))
@@ -258,7 +264,7 @@ class Drawing:
             lasts = have is not None and not (job.reads_stage or have.stats.missing)
             if have is None or not lasts or not set(aovs) <= have.arrays.keys():
                 engine = job.scene.engine
-                arrays = engine.picture(job.view, job.settings, aovs, sync=False)
+                arrays = engine.picture(job.view, job.settings, aovs, sync=False, check=check)
                 have = _Drawn(arrays, engine.stats)
                 new.append(have.stats)
             self._drawn[key] = have
@@ -275,6 +281,7 @@ class Drawing:
                 is_moving=state.is_moving,
                 prims=side.scene.prims,
                 subject=side.scene.subject if side.look.aov == "P" else None,
+                levels=_levels(state, side),
             )
             for side in sides
         ]
@@ -290,7 +297,8 @@ class Drawing:
         kernels."""
         if self._is_warm:
             fixed = sum(milliseconds.get(name, 0.0) for name in FIXED)
-            rest = sum(milliseconds.values()) - fixed + display
+            once = sum(milliseconds.get(name, 0.0) for name in ONCE)
+            rest = sum(milliseconds.values()) - fixed - once + display
             self._pacer.drew(quality, load, fixed=fixed, rest=rest)
         self._is_warm = True
 
@@ -301,28 +309,6 @@ def _told(engine: Engine) -> tuple[str, ...]:
     return (engine.remark, *told) if engine.remark else told
 
 
-def cut_of(state: ViewState) -> int:
-    """Return the first column of the viewport that shows the right side of a comparison [pixel]."""
-    width = state.size[0]
-    return width if state.other is None else round(min(max(state.wipe, 0.0), 1.0) * width)
-
-
-def view_of(scene: Scene, size: tuple[int, int], scale: float) -> View:
-    """Return the view to draw for a viewport.
-
-    Every scale shows exactly the same part of the aperture.
-    """
-    full = Framing(resolution=size)
-    if scale == 1.0:
-        return View(camera=scene.camera, framing=full)
-    window, _ = conform(scene.camera.window, full)
-    width, height = (max(1, math.ceil(length / scale)) for length in size)
-    framing = Framing(
-        resolution=(width, height), conform="adjustPixelAspectRatio", pixel_scale=scale
-    )
-    return View(camera=replace(scene.camera, window=window), framing=framing)
-
-
 def _follow(state: ViewState, scenes: tuple[Scene, ...]) -> bool:
     """Choose the items of LOD roots for the views; return whether this changed a scene."""
     for scene in scenes:
@@ -330,16 +316,10 @@ def _follow(state: ViewState, scenes: tuple[Scene, ...]) -> bool:
     return any(scene.engine.version != scene.version for scene in scenes)
 
 
-def _job(state: ViewState, scene: Scene, quality: Quality, *, waits: bool) -> _Job:
-    settings = scene.look.settings
-    if scene.has_trees:
-        settings = replace(settings, node_wait=waits)
-    if not quality.averages:
-        settings = replace(settings, samples=1, lod_samples=1)
-    if quality.splats is not None:
-        settings = replace(settings, splat_budget=quality.splats)
-    view = view_of(scene, state.size, quality.scale)
-    return _Job(scene=scene, view=view, settings=settings, aovs=needed(scene.look))
+def _levels(state: ViewState, side: Side) -> Levels | None:
+    """Return the levels of splat trees, if a side shows them."""
+    shows = needed(side.look)[0] == "elementId" and state.display.id_colors == "levels"
+    return Levels.of(side.scene.engine.render_scene) if shows else None
 
 
 def _reads(scenes: tuple[Scene, ...]) -> int:

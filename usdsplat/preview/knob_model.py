@@ -57,6 +57,8 @@ class Editor:
     """Whether the value is authored, rather than the default."""
     is_read_only: bool = False
     """Whether it cannot be edited."""
+    is_main: bool = True
+    """Whether it is of use to most people; panels show others on demand."""
     problem: str = ""
     """Why the authored value is not `value`, a sentence; "" without a problem."""
 
@@ -89,6 +91,7 @@ _GROUPS: Mapping[str, tuple[str, ...]] = {
     "Files": FILE_KNOBS,
     "Display": ("exposure", "gamma", "channel", "background"),
     "Depth": ("depth_range", "colormap"),
+    "Ids": ("id_colors",),
 }
 """Heading -> knobs of settings below it."""
 _OTHER = "Other"

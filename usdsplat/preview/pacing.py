@@ -54,8 +54,13 @@ DOUBTED = 2
 """Number of pictures that the initial estimate counts for, until newer ones replace it."""
 JUMP = 0.3
 """Minimum relative change of the work to estimate the constant part of the time."""
+CONSTANT_MS = 10.0
+"""Limit of the constant part. A machine that is busy for a moment can make a small picture as slow
+as a full one, which says nothing of either."""
 BELIEF = 0.5
 """Weight of a new estimate of the constant part relative to the previous ones."""
+NEAR = 1
+"""Number of steps of quality by which estimates differ from one movement to the next."""
 REGRET = 3.0
 """A finer scale that is given up within this time counts as a mistake [s]."""
 
@@ -123,7 +128,7 @@ class Cost:
         elif before > 1.0 and abs(work - before) > JUMP * before:
             was = median(ms for amount, ms in self._seen if amount == before)
             start = (was * work - took * before) / (work - before)
-            start = min(max(start, 0.0), was, took)
+            start = min(max(start, 0.0), was, took, CONSTANT_MS)
             self._start = (
                 start if self._start is None else self._start + BELIEF * (start - self._start)
             )
@@ -145,6 +150,8 @@ class Pacer:
         self._splats, self._pixels = Cost(1e-6 * SPLAT_NS), Cost(1e-6 * PIXEL_NS)
         self._held: Quality | None = None
         """Quality during the current movement; None at rest."""
+        self._last: Quality | None = None
+        """Quality at the end of the last movement."""
         self._easy_since: float | None = None
         self._raised_at = -math.inf
         self._patience = PATIENCE
@@ -171,13 +178,14 @@ class Pacer:
         held = self._held
         if held is None:
             self._easy_since, self._patience, self._raised_at = None, PATIENCE, -math.inf
-            self._held = self._best(choices, MOVING_MS, load)
+            self._held = self.first(load)
         elif held not in choices:  # the number of splats or pixels has changed
             self._held, self._easy_since = self._best(choices, MOVING_MS, load), None
         elif self.expected(held, load) > SLACK * MOVING_MS:
             self._give_up(now, held, choices, load)
         elif held != choices[0]:
             self._maybe_raise(now, choices[choices.index(held) - 1], load)
+        self._last = self._held
         return self._held or FULL
 
     def resting(self, shown: Quality | None, load: Load) -> Quality:
@@ -195,6 +203,15 @@ class Pacer:
         whole = [each for each in _choices(load) if each.splats is None or load.has_trees]
         middle = self._best(whole, MIDDLE_MS, load)
         return self._final(load) if shown is not None and shown.is_at_least(middle) else middle
+
+    def first(self, load: Load) -> Quality:
+        """Return the quality that a movement will begin with: that of the last one if it still
+        fits, as its splats are at hand."""
+        choices = _choices(load)
+        best, last = self._best(choices, MOVING_MS, load), self._last
+        if last not in choices or abs(choices.index(best) - choices.index(last)) > NEAR:
+            return best
+        return last
 
     # --- private ---------------------------------------------------------------------------
 

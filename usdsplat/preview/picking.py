@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Literal
 
@@ -9,7 +10,7 @@ import numpy as np
 
 from usdsplat.core.sh import dc_to_rgb
 from usdsplat.preview.document import Document
-from usdsplat.preview.reading import PixelProbe, Vector, read, vector
+from usdsplat.preview.reading import PixelProbe, Vector, read, read_window, vector
 from usdsplat.render.scene import RenderScene, matrix
 
 REACH = 3
@@ -80,6 +81,32 @@ def pick(document: Document, x: float, y: float) -> Picked | None:
         position=vector(reading.arrays["P"][at]),
         splat=splat,
     )
+
+
+def in_box(
+    document: Document, left: float, top: float, right: float, bottom: float
+) -> tuple[str, ...]:
+    """Return the paths of the prims that are visible in a box of the viewport, sorted.
+
+    A prim counts if, in a pixel there, it is the one at the depth where half of the pixel's
+    coverage is reached. In a comparison, the side in the middle of the box decides.
+
+    Args:
+        document: Document whose last picture is used.
+        left, top, right, bottom: Edges from the viewport's top left [pixel].
+    """
+    shown = document.shown
+    if shown is None:
+        return ()
+    width, height = shown.picture.state.size
+    x0, y0 = max(0, math.floor(left)), max(0, math.floor(top))
+    x1, y1 = min(width, math.ceil(right)), min(height, math.ceil(bottom))
+    if x0 >= x1 or y0 >= y1:
+        return ()
+    side = shown.side_at(0.5 * (left + right))
+    ids = read_window(side, (width, height), (x0, y0, x1, y1), ("primId",))["primId"]
+    prims = side.scene.engine.drawn_paths()
+    return tuple(prims[number] for number in np.unique(ids[ids >= 0]))
 
 
 def _nearest(reading: PixelProbe) -> tuple[int, int] | None:

@@ -10,7 +10,7 @@ import numpy as np
 
 from usdsplat.delegate.render_buffer import Pixels
 from usdsplat.preview.document import Document
-from usdsplat.preview.drawing import Side
+from usdsplat.preview.sides import Side
 from usdsplat.render.specs import Framing, View
 
 Vector = tuple[float, float, float]
@@ -55,26 +55,43 @@ def read(
     column, row = math.floor(x), math.floor(y)
     if not (0 <= column < width and 0 <= row < height):
         return None
-    side = shown.side_at(x)
     x0, y0 = max(0, column - reach), max(0, row - reach)
     window = x0, y0, min(width, column + reach + 1), min(height, row + reach + 1)
-    framing = Framing(resolution=(width, height), data_window=window)
+    side = shown.side_at(x)
+    arrays = read_window(side, (width, height), window, aovs)
+    return PixelProbe(
+        side=side,
+        arrays=arrays,
+        prims=side.scene.engine.drawn_paths(),
+        x=column,
+        y=row,
+        row=row - y0,
+        column=column - x0,
+    )
+
+
+def read_window(
+    side: Side,
+    size: tuple[int, int],
+    window: tuple[int, int, int, int],
+    aovs: tuple[str, ...],
+) -> dict[str, Pixels]:
+    """Draw some pixels of one side of the last picture at full quality, by Hydra's AOV names.
+
+    Args:
+        side: The side.
+        size: Width and height of the viewport [pixel].
+        window: First column and row, and those after the last.
+        aovs: Hydra's names of AOVs.
+    """
+    framing = Framing(resolution=size, data_window=window)
     view = View(camera=side.scene.camera, framing=framing)
     settings = replace(side.look.settings, samples=1)
     engine = side.scene.engine
     if engine.time != side.scene.time:  # a comparison was started since
         engine.set_time(side.scene.time)
     bands = [band.arrays for band in engine.render(view, settings, aovs)]
-    arrays = {name: np.concatenate([band[name] for band in bands]) for name in aovs}
-    return PixelProbe(
-        side=side,
-        arrays=arrays,
-        prims=engine.drawn_paths(),
-        x=column,
-        y=row,
-        row=row - y0,
-        column=column - x0,
-    )
+    return {name: np.concatenate([band[name] for band in bands]) for name in aovs}
 
 
 def vector(numbers: Pixels) -> Vector:

@@ -20,7 +20,7 @@ from usdsplat.images.layout import Metadata
 from usdsplat.interchange.files import check_not_input, layer_files
 from usdsplat.preview.camera import FreeCamera
 from usdsplat.preview.document import Document
-from usdsplat.preview.drawing import Shown, Side
+from usdsplat.preview.sides import Shown, Side
 from usdsplat.preview.sources import files_of_capture
 from usdsplat.preview.values import DisplaySettings, ViewState
 from usdsplat.products import movie
@@ -47,7 +47,7 @@ def save_view(document: Document, state: ViewState, path: Path | str) -> Path:
     """
     path = Path(path)
     check_suffix(path, (*FORMATS, ".exr"))
-    _check_not_read(document, (path,))
+    check_not_read(document, (path,))
     _save(document, state, path, cancel=CancelToken())
     return path
 
@@ -115,7 +115,7 @@ class Flipbook:
             raise UsageError("frames", "none", "one or more")
         check_suffix(self._path, (*FORMATS, ".exr", *movie.SUFFIXES))
         files = targets(self._path, self._frames)
-        _check_not_read(document, files)
+        check_not_read(document, files)
         if suffix in movie.SUFFIXES:
             return self._movie(document)
         return self._pictures(document, files)
@@ -144,7 +144,7 @@ class Flipbook:
             self.files = (self._path,)
 
 
-def _check_not_read(document: Document, files: Sequence[Path]) -> None:
+def check_not_read(document: Document, files: Sequence[Path]) -> None:
     """Reject targets that are layers of the stage, or the capture itself."""
     read = layer_files(document.stage)
     if document.sources is not None and document.sources.is_capture:

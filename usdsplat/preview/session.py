@@ -15,6 +15,7 @@ import logging
 import threading
 from collections import deque
 from collections.abc import Callable
+from functools import partial
 from typing import Any, TypeVar
 
 from usdsplat.core.errors import UsdSplatError
@@ -151,13 +152,23 @@ class Session:
         if state is None:
             return False
         try:
-            more = self._document.draw(state)
+            more = self._document.draw(state, partial(self._wants, state))
         except UsdSplatError as error:
             self._publish(Problem(sentence=str(error), of_picture=True))
             more = False
         return more or self.has_work
 
     # --- private ---------------------------------------------------------------------------
+
+    def _wants(self, state: ViewState) -> bool:
+        """Return whether a picture in progress is wanted still.
+
+        A movement ends that of a view at rest. Its own pictures are fast, and each is finished, or
+        a steady movement would show none.
+        """
+        now = self._state
+        has_begun = now is not None and now.is_moving and not state.is_moving
+        return not (has_begun or self._is_closing)
 
     def _run(self) -> None:
         with self._changed:

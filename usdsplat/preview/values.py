@@ -16,6 +16,7 @@ import numpy as np
 from usdsplat.core.knobs import knob
 from usdsplat.preview.boxes import Corners
 from usdsplat.preview.camera import FreeCamera
+from usdsplat.preview.overlays import Overlays
 from usdsplat.products.display_image import Image
 from usdsplat.render.settings import RenderSettings
 from usdsplat.render.specs import CameraSpec
@@ -41,6 +42,11 @@ class DisplaySettings:
         unit="scene unit",
     )
     colormap: Literal["grey", "turbo"] = knob("grey", "of depths")
+    id_colors: Literal["ids", "levels"] = knob(
+        "ids",
+        "of splatId: one for each splat or face, or for each level of splat trees, from blue, "
+        "the root, to red",
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -73,6 +79,12 @@ class ViewState:
     purposes: tuple[str, ...] = ("default", "render")
     selected: tuple[str, ...] = ()
     """Paths of the selected prims, which are outlined by their boxes."""
+    shows_bounds: bool = False
+    """Whether the boxes of all drawn prims are wanted."""
+    shows_edges: bool = False
+    """Whether the edges of meshes are wanted."""
+    shows_lights: bool = False
+    """Whether the places of lights are wanted; a window wants them at first."""
     is_moving: bool = False
     """Whether a fast next picture matters more than a good one."""
 
@@ -106,6 +118,8 @@ class Picture:
     device: str = "cpu"
     boxes: tuple[Corners, ...] = ()
     """Boxes of the selected prims that have one, in the order of `state.selected`."""
+    overlays: Overlays = field(default_factory=Overlays)
+    """What a window draws over the picture."""
     warnings: tuple[str, ...] = ()
     """A sentence for each prim that cannot be drawn as it is."""
 
@@ -182,13 +196,13 @@ Event = Picture | Opened | StageChanged | SimulationStatus | Problem | Busy
 
 
 def as_json(value: Any) -> Any:
-    """Convert a value of the preview to plain JSON data, pictures without their image.
+    """Convert a value of the preview to plain JSON data, pictures without image and overlays.
 
     A value of a class becomes an object whose "type" names the class. Tuples and arrays become
     lists, and non-finite numbers null. Raises TypeError for other types.
     """
     if is_dataclass(value) and not isinstance(value, type):
-        left_out = {"image"} if isinstance(value, Picture) else set()
+        left_out = {"image", "overlays"} if isinstance(value, Picture) else set()
         items = {
             item.name: as_json(getattr(value, item.name))
             for item in fields(value)

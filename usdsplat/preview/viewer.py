@@ -11,11 +11,9 @@ from dataclasses import asdict, replace
 from functools import partial
 from typing import Any
 
-import numpy as np
-
 from usdsplat.core.knobs import checked
 from usdsplat.preview.bookmarks import Bookmark, free_name, without
-from usdsplat.preview.camera import FreeCamera, Glide, Side, UpAxis, Vector
+from usdsplat.preview.camera import FreeCamera, Glide, Side, UpAxis, Vector, middle_of
 from usdsplat.preview.latest_request import Asks
 from usdsplat.preview.placement import Placement, Placing
 from usdsplat.preview.timeline import Timeline
@@ -193,7 +191,10 @@ class Viewer:
         if self._seen is None:
             return None
         return FreeCamera.like(
-            self._seen, target=self._middle(self._seen), up_axis=self.up_axis, aspect=self.aspect
+            self._seen,
+            target=middle_of(self.subject, self._seen),
+            up_axis=self.up_axis,
+            aspect=self.aspect,
         )
 
     def frame(self, paths: tuple[str, ...] = ()) -> None:
@@ -329,6 +330,10 @@ class Viewer:
         """Set the purposes that are drawn."""
         self._see(purposes=purposes)
 
+    def set_overlays(self, **shows: bool) -> None:
+        """Set which of `shows_bounds`, `shows_edges` and `shows_lights` are wanted."""
+        self._see(**shows)
+
     # --- what is selected ------------------------------------------------------------------
 
     def select(self, paths: tuple[str, ...]) -> None:
@@ -348,6 +353,7 @@ class Viewer:
     def place(self, matrix: Matrix) -> None:
         """Set the local-to-world matrix of the last selected prim, on the session layer."""
         self._placing.move(matrix, self.state.time)
+        self._see(is_moving=True)
 
     # --- private ---------------------------------------------------------------------------
 
@@ -389,11 +395,3 @@ class Viewer:
             self._changed()
         else:
             self._see(camera=there)
-
-    def _middle(self, spec: CameraSpec) -> Vector:
-        """Return the middle of the subject, as the camera of the picture sees it."""
-        if self.subject is None:
-            return 0.0, 0.0, 0.0
-        middle, _ = self.subject.extent(np.reshape(spec.world_to_camera, (4, 4))[:3, :3])
-        x, y, z = map(float, middle)
-        return x, y, z

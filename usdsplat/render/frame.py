@@ -233,6 +233,7 @@ def prepare(
     surfaces = Surfaces.of(frame.device, scene, screen, view.matte, cache=frame.surface_cache)
     frame.clock.lap("surfaces")
     layout = frame.layout(scene, sample.fade)
+    frame.clock.lap("lay out")
     inner = _inner_screen(view, window, sample) if frame.nodes else None
     lighting = lighting_of(
         frame.rasterizer, frame.buffers, frame.settings, scene, view, layout, aovs
@@ -287,6 +288,8 @@ def _projected(
 ) -> ProjectedSplats:
     """Project, shade and sort the splats of a sample."""
     lap, stats = frame.clock.lap, frame.stats
+    projector.lay_out()
+    lap("lay out")
     projector.project()
     lap("project")
     projector.shade()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 
@@ -33,11 +34,20 @@ class FrameStats:
     """Stage -> CPU time [ms]; `wall_ms` has the elapsed time of each stage."""
 
 
-class Clock:
-    """Stopwatch that adds up the time of each stage."""
+def keep_on() -> None:
+    """Let a picture go on."""
 
-    def __init__(self, stats: FrameStats) -> None:
+
+class Clock:
+    """Stopwatch that adds up the time of each stage.
+
+    Args:
+        check: Called after each stage; it raises an error if the picture is not wanted any more.
+    """
+
+    def __init__(self, stats: FrameStats, check: Callable[[], None] = keep_on) -> None:
         self._stats = stats
+        self.check = check
         self.resume()
 
     def resume(self) -> None:
@@ -54,3 +64,4 @@ class Clock:
         ):
             book[stage] = book.get(stage, 0.0) + 1e3 * spent
         self._wall, self._cpu = wall, cpu
+        self.check()

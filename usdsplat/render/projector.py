@@ -23,6 +23,7 @@ from usdsplat.render.matte import is_matte
 from usdsplat.render.projected_splats import HeldInputs, ProjectedSplats
 from usdsplat.render.screen import Screen
 from usdsplat.render.settings import RenderSettings
+from usdsplat.render.spatial_order import OrderedSplats
 from usdsplat.render.specs import FieldSpec
 from usdsplat.render.splat_normals import NO_SURFACE
 
@@ -42,9 +43,8 @@ may be larger than the splats."""
 class Projector:
     """The steps from a scene's splats to the sorted splats of a view.
 
-    `project`, `shade`, `find_ray_hits` and `find_features` fill rows of splats in the order of
-    storage; `sort` gathers the rows in order of depth. A step is skipped if its inputs have not
-    changed since the last picture.
+    After `lay_out`, `project`, `shade`, `find_ray_hits` and `find_features` fill rows of splats in
+    the order of storage; `sort` gathers them by depth. A step with unchanged inputs is skipped.
 
     Args:
         layout: The splats to draw.
@@ -73,7 +73,6 @@ class Projector:
         self._screen, self._inner = screen, inner or screen
         self.settings = settings
         self._blend_space = blend_space
-        self._degree = settings.sh_degree
         self._gains = gains
         self._is_ordered = False
         if self.layout.slots > np.iinfo(np.int32).max:
@@ -82,33 +81,37 @@ class Projector:
 
     # --- the steps, in their order ---------------------------------------------------------
 
-    def project(self) -> None:
-        """Project all splats, and record which ones may be visible."""
+    def lay_out(self) -> None:
+        """Take buffers, and choose the order in memory of the fields to project."""
         buffers, slots = self._buffers, self.layout.slots
         self._records = buffers.records(slots)
-        self._keys = buffers.keys(slots)
-        self._sources = buffers.sources(slots)
+        self._keys, self._sources = buffers.keys(slots), buffers.sources(slots)
         self._ray_hits = buffers.ray_hits(0)
         self._features = buffers.features(0)
         self._found = buffers.found(len(self.layout.block_starts))
-        self._parts, end = [], 0
+        self._parts, self._stale, end = [], [], 0
         self._held, self._now = self._take_held(), HeldInputs()
         for group in self.layout.groups:
-            self._parts.append((group, self._found[end : end + group.all_blocks]))
-            self._now.shapes[group.slot] = self._shape(group, end)
-            end += group.all_blocks
-        for group, found in self._parts:
-            shape = self._now.shapes[group.slot]
+            found = self._found[end : end + group.all_blocks]
+            self._parts.append((group, found))
+            self._now.shapes[group.slot] = shape = self._shape(group, end)
             if shape is None or self._held.shapes.get(group.slot) != shape:
-                self._project(group, (self._records, self._keys, self._sources), found)
-                self._held.radiance.pop(group.slot, None)
+                laid = group.field.spatial_order.of(self._device, group.cloud)
+                self._stale.append((group, found, laid))
+            end += group.all_blocks
+
+    def project(self) -> None:
+        """Project all splats, and record which ones may be visible."""
+        for group, found, laid in self._stale:
+            self._project(group, laid, (self._records, self._keys, self._sources), found)
+            self._held.radiance.pop(group.slot, None)
 
     def shade(self) -> None:
         """Evaluate the colours of the visible splats in the blend space."""
         for group, found in self._parts:
             self._now.radiance[group.slot] = colors = self._colors(group)
             if self._held.radiance.get(group.slot) != colors:
-                self._radiance(group, found, self._records, project.RED, self._degree)
+                self._radiance(group, found, self._records, project.RED, self.settings.sh_degree)
                 self._dim(group, found)
 
     def find_ray_hits(self) -> None:
@@ -251,9 +254,8 @@ class Projector:
             return math.inf  # points and ellipses would otherwise vanish in the distance
         return spec.footprint if mode == "footprint" else 0.0
 
-    def _project(self, group: Group, out: Any, found: I32) -> None:
+    def _project(self, group: Group, laid: OrderedSplats, out: Any, found: I32) -> None:
         keep, run = self._device.keep, self._device.run
-        laid = group.field.spatial_order.of(self._device, group.cloud)
         record, matrices = self.record(group), self.matrices(group)
         shapes, crops = volumes(group.field.crops, group.placements.transforms)
         closed = self._buffers.closed(len(matrices) * len(laid.boxes))
@@ -271,7 +273,7 @@ class Projector:
         return (
             group.field.radiance,
             self.sights(group.placements).tobytes(),
-            self._degree,
+            self.settings.sh_degree,
             numbers.tobytes(),
             *self._gains.get(group.slot, ())[:1],
         )

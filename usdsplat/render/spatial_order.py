@@ -75,34 +75,59 @@ def laid_out(device: Device, cloud: SplatCloud) -> OrderedSplats:
     )
 
 
+@dataclass(slots=True, eq=False)
+class _Known:
+    """Splats that were projected, and their order once it is computed."""
+
+    positions: F32
+    layout: OrderedSplats | None = None
+
+
 class SpatialOrder:
-    """Cache of one field's spatial order, computed when it pays."""
+    """Cache of one field's spatial order, computed when it pays.
+
+    It keeps two orders, of the last splats and of the most: a viewport draws all splats of a field
+    at rest, and those of a budget while it moves.
+    """
 
     def __init__(self) -> None:
-        self._positions: F32 | None = None
-        self._layout: OrderedSplats | None = None
+        self._known: list[_Known] = []
+        """The last splats first."""
 
     @property
     def is_made(self) -> bool:
-        """Whether the order in memory differs from the order of rows."""
-        return self._layout is not None and self._layout.rows.size > 0
+        """Whether the last order in memory differs from the order of rows."""
+        layout = self._known[0].layout if self._known else None
+        return layout is not None and layout.rows.size > 0
 
     def forget(self) -> None:
-        """Drop the order; the splats have changed."""
-        self._positions, self._layout = None, None
+        """Drop the orders; the splats have changed."""
+        self._known = []
 
     def of(self, device: Device, cloud: SplatCloud) -> OrderedSplats:
         """Return the splats of `cloud` in the order to use for the next projection."""
-        if cloud.positions is not self._positions:
-            self._positions, self._layout = cloud.positions, None
+        others = [each for each in self._known if each.positions is not cloud.positions]
+        found = next((each for each in self._known if each not in others), None)
+        most = max(others, key=lambda each: len(each.positions), default=None)
+        last = found or _Known(cloud.positions)
+        self._known = [last] if most is None else [last, most]
+        if found is None:
             return as_it_is(cloud)
-        if self._layout is None:
-            self._layout = laid_out(device, cloud) if len(cloud) >= LEAST else as_it_is(cloud)
-        return self._layout
+        if last.layout is None:
+            last.layout = laid_out(device, cloud) if len(cloud) >= LEAST else as_it_is(cloud)
+        return last.layout
 
 
 class StorageOrder(SpatialOrder):
     """The order of rows, for splats that are culled as a whole."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._layout: OrderedSplats | None = None
+
+    def forget(self) -> None:
+        """Drop the arrays; the splats have changed."""
+        self._layout = None
 
     def of(self, device: Device, cloud: SplatCloud) -> OrderedSplats:
         """Return the splats of `cloud` as they are."""

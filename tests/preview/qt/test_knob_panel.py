@@ -10,8 +10,9 @@ from PySide6.QtCore import QPoint, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QCheckBox, QComboBox, QLineEdit, QSlider
 
+from tests.preview.qt.conftest import wait_until
 from usdsplat.preview.knob_model import Editor
-from usdsplat.preview.qt.knob_panel import KnobPanel, tool_tip
+from usdsplat.preview.qt.knob_panel import KnobPanel, KnobRow, tool_tip
 
 LEFT = Qt.MouseButton.LeftButton
 EXPOSURE = Editor(
@@ -197,3 +198,42 @@ def test_a_tool_tip_says_what_a_value_is() -> None:
 
 def _with(editor: Editor, **changes: Any) -> Editor:
     return replace(editor, **changes)
+
+
+def test_what_few_people_turn_is_behind_more() -> None:
+    """Oracle: the rows that are visible: main ones, all after a click, and what a search finds; an
+    editor that becomes main, as it is authored, is shown in its place."""
+    rest = replace(EXPOSURE, name="gamma", label="Gamma", is_main=False)
+    last = replace(EXPOSURE, name="gain", label="Gain")
+    panel = Panel(EXPOSURE, rest, last)
+    group = panel._groups["Display"]
+
+    def shown() -> list[str]:
+        rows = [row for row in panel.findChildren(KnobRow) if row.isVisible()]
+        return [row._editor.name for row in sorted(rows, key=lambda row: row.y())]
+
+    assert shown() == ["exposure", "gain"] and group.more.text() == "More (1)"
+    QTest.mouseClick(group.more, LEFT)
+    wait_until(lambda: shown() == ["exposure", "gamma", "gain"])
+    assert group.more.text() == "Less"
+    QTest.mouseClick(group.more, LEFT)
+    assert panel.search("gamma") == 1 and shown() == ["gamma"]
+    panel.search("")
+    assert shown() == ["exposure", "gain"]
+    panel.show_editors([EXPOSURE, replace(rest, is_main=True), last])
+    wait_until(lambda: shown() == ["exposure", "gamma", "gain"])
+    assert not group.more.isVisible()
+
+
+def test_a_value_that_none_can_have_is_told_in_place_of_another_one() -> None:
+    """Oracle: what the row shows: no field with the default, which the stage does not have, but the
+    sentence; the reset button authors the default, and the field is back."""
+    wrong = replace(EXPOSURE, value=0.0, problem="/Sim.exposure: found 99, expected -16 to 16")
+    panel = Panel(wrong)
+    row = panel.row("exposure")
+    assert not row.widget.isVisible() and row.problem.isVisible()
+    assert row.problem.text().startswith("found 99") and row.problem.toolTip() == wrong.problem
+    QTest.mouseClick(row.reset, LEFT)
+    assert panel.changes == [("exposure", 0.0, "")]
+    panel.show_editors([replace(EXPOSURE, value=0.0)])
+    assert row.widget.isVisible() and not row.problem.isVisible()

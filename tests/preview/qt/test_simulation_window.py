@@ -9,14 +9,17 @@ import pytest
 from pxr import Sdf
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication, QFileDialog, QLineEdit, QMessageBox
+from PySide6.QtWidgets import QApplication, QCheckBox, QFileDialog, QLineEdit, QMessageBox
 
 from tests.preview.qt import windows
 from tests.preview.qt.conftest import wait_until
 from tests.preview.qt.windows import LEFT, opened, press, type_into
 from tests.preview.simulating.hosts import shot
+from tests.preview.stage_model.stages import rich
+from usdsplat.preview.qt.panel_context import PAUSE
 from usdsplat.preview.qt.window import Window
 from usdsplat.preview.qt.workspace import Workspace
+from usdsplat.sim.stage.authoring import author
 from usdsplat.sim.stage.provenance import nested
 
 LAST = 4
@@ -66,6 +69,54 @@ def test_a_parameter_is_turned_and_taken_back(window: Window, workspace: Workspa
     workspace.viewport.setFocus()
     press(window, "Ctrl+Z")
     wait_until(lambda: field.text() == before)
+
+
+def test_animated_parameters_are_those_of_the_time(window: Window, tmp_path: Path) -> None:
+    """Oracle: what the samples say at each frame, also of a bool that is not at its default; an
+    edit adds a sample at the frame, and leaves the others."""
+    stage = rich()
+    ball = stage.GetPrimAtPath("/World/Ball")
+    for time, value in ((1, False), (3, True)):
+        author(ball, {"affector:enabled": value}, time=time)
+    for time, value in ((1, 0.0), (5, 0.4)):
+        author(ball, {"affector:friction": value}, time=time)
+    stage.SetStartTimeCode(1)
+    stage.SetEndTimeCode(5)
+    stage.GetRootLayer().Export(str(tmp_path / "rich.usda"))
+    workspace = opened(window, tmp_path / "rich.usda")
+    panel, viewer = workspace.simulation, workspace.context.viewer
+    wait_until(lambda: panel.prims.count() == 2)
+    panel.prims.setCurrentRow(0)
+    box = panel.panel.row("affector:enabled").findChild(QCheckBox)
+    field = panel.panel.row("affector:friction").findChild(QLineEdit)
+    for time, is_on, friction in ((1.0, False, "0"), (3.0, True, "0.2"), (2.0, False, "0.1")):
+        viewer.set_time(time)
+        wait_until(lambda is_on=is_on: box.isChecked() == is_on)
+        wait_until(lambda friction=friction: field.text() == friction)
+    type_into(field, "0.9")
+    wait_until(lambda: window.actions_by_name["undo"].isEnabled())
+    for time, friction in ((2.0, "0.9"), (5.0, "0.4"), (1.0, "0")):
+        viewer.set_time(time)
+        wait_until(lambda friction=friction: field.text() == friction)
+
+
+def test_parameters_without_samples_are_not_asked_for_at_each_time(
+    workspace: Workspace, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Oracle: counted: no query of the stage while the time changes."""
+    panel, viewer = workspace.simulation, workspace.context.viewer
+    wait_until(lambda: panel.prims.count())
+    QTest.qWait(2 * PAUSE)  # queries that were begun before
+    asked: list[float | None] = []
+    monkeypatch.setattr(
+        "usdsplat.preview.qt.simulation_panel.parameters.editors",
+        lambda stage, *, time: asked.append(time) or (),
+    )
+    for time in (2.0, 3.0):
+        viewer.set_time(time)
+        windows.settled(workspace)
+    QTest.qWait(2 * PAUSE)
+    assert asked == []
 
 
 def test_a_parameter_out_of_range_says_so_and_the_old_value_comes_back(

@@ -58,3 +58,20 @@ def test_a_picture_does_not_take_back_what_else_went_wrong(workspace: Workspace)
     workspace.context.viewer.set_display(exposure=1.0)
     settled(workspace)
     assert workspace.problems.sentence == "radius: found none, expected one"
+
+
+def test_messages_cover_nothing(workspace: Workspace) -> None:
+    """Oracle: the rectangles that Qt gives the bars and the viewport, with both messages and with
+    none; the picture fits the room that is left."""
+    whole = workspace.viewport.height()
+    workspace.context.complain("radius: found none, expected one")
+    workspace.notices.say("Changed on disk: a.usda", action="Reload")
+    QApplication.processEvents()
+    bars = (workspace.problems, workspace.notices)
+    tops = [each.mapTo(workspace, each.rect().bottomLeft()).y() for each in bars]
+    top = workspace.viewport.mapTo(workspace, workspace.viewport.rect().topLeft()).y()
+    assert all(each.isVisible() for each in bars) and max(tops) < top
+    assert settled(workspace).state.size[1] < whole * workspace.devicePixelRatioF()
+    for each in bars:
+        each.clear()
+    wait_until(lambda: workspace.viewport.height() == whole)

@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from PySide6.QtCore import QPoint, Qt
+from PySide6.QtCore import QEvent, QPoint, QPointF, Qt
+from PySide6.QtGui import QMouseEvent
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QToolButton
+from PySide6.QtWidgets import QApplication, QToolButton
 
 from tests.preview.qt.conftest import wait_until
 from tests.preview.qt.windows import LEFT, image, press, settled
+from usdsplat.preview.document import Document
 from usdsplat.preview.qt.window import TOOLS, Window
 from usdsplat.preview.qt.workspace import Workspace
+from usdsplat.preview.reading import read_window
 from usdsplat.render.settings import RenderSettings
 
+NONE, SHIFT = Qt.KeyboardModifier.NoModifier, Qt.KeyboardModifier.ShiftModifier
 MODES = {"Q": None, "W": "translate", "E": "rotate", "R": "scale"}
 
 
@@ -142,3 +146,73 @@ def test_a_view_is_chosen_from_a_menu_and_is_seen(workspace: Workspace) -> None:
     panel._set_setting("ocio_config", "", "")
     assert workspace.context.viewer.state.look.settings == RenderSettings()
     wait_until(lambda: np.array_equal(image(workspace), before))
+
+
+def box_of(workspace: Workspace, paths: tuple[str, ...]) -> tuple[QPoint, QPoint]:
+    """A rectangle of the viewport with everything that is seen of some prims, and a margin."""
+    done: list[tuple[int, int, int, int]] = []
+
+    def task(document: Document) -> tuple[int, int, int, int]:
+        side, size = document.shown.sides[0], document.shown.picture.state.size
+        ids = read_window(side, size, (0, 0, *size), ("primId",))["primId"]
+        names = side.scene.engine.drawn_paths()
+        rows, columns = np.nonzero(np.isin(ids, [names.index(each) for each in paths]))
+        return columns.min() - 3, rows.min() - 3, columns.max() + 3, rows.max() + 3
+
+    workspace.proxy.ask(task, done.append)
+    wait_until(lambda: done)
+    x0, y0, x1, y1 = done[0]
+    ratio = workspace.viewport.devicePixelRatioF()
+    return QPoint(int(x0 / ratio), int(y0 / ratio)), QPoint(int(x1 / ratio), int(y1 / ratio))
+
+
+def drag_box(workspace: Workspace, start: QPoint, end: QPoint, modifiers=NONE) -> None:
+    """Press, move and release the left button."""
+    viewport = workspace.viewport
+    QTest.mousePress(viewport, LEFT, modifiers, start)
+    for part in (0.3, 0.7, 1.0):
+        place = QPointF(start + (end - start) * part)
+        event = QMouseEvent(
+            QEvent.Type.MouseMove, place, viewport.mapToGlobal(place),
+            Qt.MouseButton.NoButton, LEFT, modifiers,
+        )  # fmt: skip
+        QApplication.sendEvent(viewport, event)
+    QTest.mouseRelease(viewport, LEFT, modifiers, end)
+
+
+def test_a_box_selects_what_is_seen_in_it(workspace: Workspace) -> None:
+    """Oracle: rectangles around the pixels of the prims, by the AOV; the view does not move."""
+    settled(workspace)
+    workspace.context.viewer.face("front")
+    settled(workspace)
+    workspace.viewport.set_mode(None)
+    viewer = workspace.context.viewer
+    camera = viewer.state.camera
+    one, all_of_it = box_of(workspace, ("/World/A",)), box_of(workspace, ("/World/A", "/World/B"))
+    viewer.select(())
+    drag_box(workspace, *all_of_it)
+    wait_until(lambda: viewer.state.selected == ("/World/A", "/World/B"))
+    empty = QPoint(2, 2), QPoint(30, 30)
+    drag_box(workspace, *empty, SHIFT)
+    drag_box(workspace, *reversed(one), SHIFT)
+    wait_until(lambda: set(viewer.state.selected) == {"/World/A", "/World/B"})
+    drag_box(workspace, *empty)
+    wait_until(lambda: viewer.state.selected == ())
+    assert viewer.state.camera == camera
+
+
+def test_ctrl_draws_a_box_with_any_tool(workspace: Workspace) -> None:
+    """Oracle: the selection; without Ctrl the same drag moves the view, and selects nothing."""
+    settled(workspace)
+    viewer = workspace.context.viewer
+    workspace.viewport.set_mode("translate")
+    viewer.select(())
+    box = box_of(workspace, ("/World/A", "/World/B"))
+    drag_box(workspace, *box, Qt.KeyboardModifier.ControlModifier)
+    wait_until(lambda: viewer.state.selected == ("/World/A", "/World/B"))
+    viewer.select(())
+    before = viewer.state.camera
+    drag_box(workspace, *box)
+    wait_until(lambda: viewer.state.camera != before)
+    settled(workspace)
+    assert viewer.state.selected == ()

@@ -5,10 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 from PySide6.QtTest import QTest
 
 from tests.preview.qt.conftest import wait_until
-from tests.preview.qt.windows import LEFT, click_cell, opened, settled
+from tests.preview.qt.windows import LEFT, click_cell, opened, press, settled
 from tests.render.rendering import random_cloud
 from tests.trees import little_tree
 from usdsplat.preview.qt.prim_model import NAME
@@ -46,3 +47,18 @@ def test_a_selected_tree_says_what_of_it_is_drawn_as_the_view_changes(
     found = workspace.tree.found
     wait_until(lambda: found.count() and found.isVisible())
     assert [found.item(i).text() for i in range(found.count())] == [TREE]
+
+
+def test_a_key_shows_the_levels_of_trees_and_colour_again(window: Window, tmp_path: Path) -> None:
+    """Oracle: the AOV and the colours of the picture: that of the root, and those of before."""
+    workspace = opened(window, little_tree(tmp_path, random_cloud(3, 400, 0)))
+    workspace.context.viewer.set_look(settings=RenderSettings(lod_error=1000.0))
+    before = settled(workspace).image
+    workspace.viewport.setFocus()
+    press(window, "5")
+    wait_until(lambda: workspace.strip.aov.currentText() == "splatId")
+    found = np.unique(settled(workspace).image.reshape(-1, 3), axis=0)
+    assert len(found) == 2 and window.actions_by_name["levels"].isChecked()
+    press(window, "5")
+    wait_until(lambda: workspace.strip.aov.currentText() == "color")
+    assert np.array_equal(settled(workspace).image, before)

@@ -5,11 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pytest
 from pxr import Sdf, Usd, UsdGeom
-from PySide6.QtCore import QMimeData, QPointF, Qt, QUrl
+from PySide6.QtCore import QDir, QMimeData, QPoint, QPointF, Qt, QUrl
 from PySide6.QtGui import QDropEvent
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import (
+    QDialogButtonBox,
     QFileDialog,
     QLineEdit,
     QMessageBox,
@@ -17,10 +19,17 @@ from PySide6.QtWidgets import (
 
 from tests.preview.qt import windows
 from tests.preview.qt.conftest import wait_until
-from tests.preview.qt.windows import LEFT, click_cell, image, opened, press, type_into
+from tests.preview.qt.windows import LEFT, click_cell, image, opened, press, settled, type_into
+from usdsplat import formats
+from usdsplat.interchange.exporting import export_capture
+from usdsplat.preview.camera import FreeCamera
+from usdsplat.preview.document import Document
+from usdsplat.preview.qt.picture_dialogs import FlipbookDialog, ScreenshotDialog
 from usdsplat.preview.qt.prim_model import VISIBLE
 from usdsplat.preview.qt.window import Window
 from usdsplat.preview.qt.workspace import Workspace
+from usdsplat.preview.sides import Shown
+from usdsplat.preview.values import ViewState
 
 
 def test_the_session_layer_and_a_screenshot_are_saved(
@@ -37,15 +46,127 @@ def test_the_session_layer_and_a_screenshot_are_saved(
     layer = Sdf.Layer.FindOrOpen(str(tmp_path / "mine.usda"))
     assert layer.GetAttributeAtPath("/World/A.visibility").default == UsdGeom.Tokens.invisible
     shown = image(workspace)
-    press(window, "F12")
+    _ask_for_a_screenshot(window)
     _save(window, tmp_path / "shot.png")
     assert np.array_equal(np.asarray(Image.open(tmp_path / "shot.png")), shown)
 
 
+def _ask_for_a_screenshot(window: Window, width: str = "", height: str = "") -> None:
+    """Open the dialog, set a size if there is one, and go on to the dialog for the file."""
+    press(window, "F12")
+    wait_until(lambda: window.findChildren(ScreenshotDialog))
+    dialog = window.findChild(ScreenshotDialog)
+    dialog.activateWindow()
+    wait_until(dialog.isActiveWindow)
+    fields = dialog.size_fields
+    if height:
+        QTest.mouseClick(fields.keeps_shape, LEFT, pos=QPoint(8, 8))
+        type_into(fields.height_field, height, Qt.Key.Key_Tab)
+    if width:
+        type_into(fields.width_field, width, Qt.Key.Key_Tab)
+    save = dialog.buttons.button(QDialogButtonBox.StandardButton.Save)
+    QTest.mouseClick(save, LEFT)
+
+
+@pytest.mark.parametrize(("width", "height"), [("300", ""), ("320", "80"), ("20000", "")])
+def test_pictures_are_saved_in_a_size_of_their_own(
+    window: Window, workspace: Workspace, tmp_path: Path, width: str, height: str
+) -> None:
+    """Oracle: Pillow's reading of the file: the size that was typed, with the viewport's shape or
+    without; a size that cannot be is a sentence, and that of the viewport stays."""
+    from PIL import Image
+
+    settled(workspace)
+    before = workspace.context.viewer.state.size
+    _ask_for_a_screenshot(window, width, height)
+    _save(window, tmp_path / "shot.png")
+    wait_until(lambda: (tmp_path / "shot.png").exists())
+    found = Image.open(tmp_path / "shot.png").size
+    if width == "20000":
+        assert "expected 1 to 16384" in workspace.problems.sentence
+        assert found == before
+        return
+    assert found == (int(width), int(height or round(int(width) * before[1] / before[0])))
+    assert workspace.context.viewer.state.size == before
+
+
+@pytest.mark.parametrize("name", ["seen.ply", "seen.spz", "seen.usda"])
+def test_what_is_seen_is_exported(
+    window: Window, workspace: Workspace, tmp_path: Path, name: str
+) -> None:
+    """Oracle: the command's own conversion of the stage with the same edit: one field is hidden in
+    the session, and the time is not the first; the sentence says how many splats."""
+    workspace.context.edit(lambda edits: edits.set_visible("/World/A", False))
+    workspace.context.viewer.set_time(12.0)
+    settled(workspace)
+    press(window, "Ctrl+E")
+    _save(window, tmp_path / name)
+    wait_until(lambda: f"Wrote {name}, " in window.note)
+    if name.endswith(".usda"):
+        stage = Usd.Stage.Open(str(tmp_path / name))
+        seen = [UsdGeom.Imageable(stage.GetPrimAtPath(f"/World/{each}")) for each in "AB"]
+        assert [each.ComputeVisibility() for each in seen] == ["invisible", "inherited"]
+        return
+    stage = Usd.Stage.Open(str(windows.write_stage(tmp_path / "mine.usda")))
+    export_capture(stage, tmp_path / f"mine_{name}", prim_path="/World/B", time=12.0)
+    ours, theirs = (formats.read(tmp_path / each).cloud for each in (name, f"mine_{name}"))
+    np.testing.assert_array_equal(ours.positions, theirs.positions)
+    assert f"{len(theirs)} splats" in window.note
+
+
+def test_an_export_that_fails_leaves_only_its_sentence(
+    window: Window, workspace: Workspace, tmp_path: Path
+) -> None:
+    """Oracle: the problem, and a status line without what was begun."""
+    settled(workspace)
+    window.saving.write_export(tmp_path / "seen.obj")
+    assert window.note == "Writing seen.obj…"
+    wait_until(lambda: "obj" in workspace.problems.sentence)
+    assert window.note == ""
+
+
+def test_the_dialog_of_an_export_shows_every_format(window: Window, workspace: Workspace) -> None:
+    """Oracle: Qt's own match of names with the patterns of its filter, also of a file in a
+    folder of its own."""
+    window.saving.export()
+    (dialog,) = window.findChildren(QFileDialog)
+    patterns = dialog.nameFilters()[0].partition("(")[2].rstrip(")").split()
+    for name in ("a.ply", "a.sog", "a.usda", "meta.json"):
+        assert QDir.match(patterns, name), name
+    dialog.reject()
+
+
+def test_pictures_of_another_shape_have_the_view_of_the_viewport(
+    window: Window, workspace: Workspace, tmp_path: Path
+) -> None:
+    """Oracle: the view before and after: the camera that frames everything stays, in the pictures,
+    which have one camera although the scene moves, and in the viewport."""
+    viewer = workspace.context.viewer
+    viewer.use_camera(None)
+    camera = settled(workspace).camera
+    states: list[ViewState] = []
+    still = Document.still
+
+    def noted(document: Document, state: ViewState) -> Shown:
+        states.append(state)
+        return still(document, state)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Document, "still", noted)
+        window.saving.write_flipbook(tmp_path / "a.####.png", (1.0, 12.0), (90, 30))
+        wait_until(lambda: "and 1 more" in window.note)
+        window.saving.write_screenshot(tmp_path / "b.png", size=(30, 90))
+        wait_until(lambda: window.note == "Wrote b.png")
+    assert len({each.camera for each in states}) == 1 and len(states) == 3
+    assert isinstance(states[0].camera, FreeCamera)
+    theirs = states[0].camera.spec(aspect=1.0, bounds=None).world_to_camera
+    np.testing.assert_allclose(theirs, camera.world_to_camera, atol=1e-6)
+    viewer.set_display(exposure=0.5)
+    assert settled(workspace).camera == camera
+
+
 def test_a_flipbook_of_some_frames(window: Window, workspace: Workspace, tmp_path: Path) -> None:
     """Oracle: the names of the files."""
-    from usdsplat.preview.qt.save_dialogs import FlipbookDialog
-
     press(window, "Ctrl+Shift+F")
     dialog = window.findChild(FlipbookDialog)
     assert QTest.qWaitForWindowActive(dialog)

@@ -14,9 +14,11 @@ from tests.sim.stage.scenes import LIVELY
 from tests.sim.stage.stages import simulation_of
 from usdsplat.preview.simulating.job import Job
 from usdsplat.preview.simulating.recording import can_resume
+from usdsplat.schema import is_splat_field
 from usdsplat.sim.stage import simulating
 from usdsplat.sim.stage.authoring import author
 from usdsplat.sim.stage.bake import Bake
+from usdsplat.sim.stage.bake_findings import bake_findings
 from usdsplat.sim.stage.overrides import override
 from usdsplat.sim.stage.provenance import read_record
 from usdsplat.sim.stage.simulating import simulate
@@ -107,6 +109,41 @@ def test_a_recording_that_was_stopped_is_resumed(tmp_path: Path) -> None:
         assert record is not None
         assert record["completedFrames"] == LAST
         assert not can_resume(target)
+
+
+@pytest.mark.parametrize("values", [LIVELY, {}], ids=["checkpoints", "none"])
+@pytest.mark.parametrize("ends", ["reset", "close"])
+def test_a_recording_that_was_stopped_is_a_whole_bake(
+    tmp_path: Path, values: dict[str, Any], ends: str
+) -> None:
+    """Oracle: its record and samples, the findings of validation, and once it is resumed all bytes
+    of a bake that nobody disturbed."""
+    stage = shot(tmp_path, values, last=LAST)
+    every = files(baked(stage, "command"))
+    target = place(stage, "preview")
+    with running(stage) as (host, runner):
+        runner.record(target)
+        host.reached(5.0)
+        runner.pause()
+        if ends == "reset":
+            runner.reset()
+            for job in runner._jobs:
+                job.join()
+    record = read_record(Sdf.Layer.FindOrOpen(str(target)))
+    assert record is not None and not record["checkpoint"]
+    done = record["completedFrames"]
+    assert 5 <= done < LAST and list(record["frameRange"]) == [1.0, done]
+    assert not [name for name in files(target) if name.endswith(".frame")]
+    shown = Usd.Stage.Open(str(target))
+    assert not list(bake_findings(shown))
+    (field,) = [prim for prim in shown.Traverse() if is_splat_field(prim)]
+    assert field.GetAttribute("positions").GetTimeSamples()[-1] == done
+    assert can_resume(target)
+    with running(stage) as (host, runner):
+        runner.record(target, existing="resume")
+        host.wait(lambda event: "frames of" in event.message)
+    assert files(target) == every
+    assert not can_resume(target)
 
 
 def test_a_recording_begins_when_the_one_before_writes_no_more(

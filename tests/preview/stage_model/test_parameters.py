@@ -11,8 +11,11 @@ from pxr import Sdf, Usd
 
 from tests.preview.stage_model.stages import rich
 from usdsplat.core.errors import StageError, UsageError
+from usdsplat.core.knobs import knobs
 from usdsplat.preview.stage_model.edits import Edits
-from usdsplat.preview.stage_model.parameters import editors, set_parameter
+from usdsplat.preview.stage_model.main_parameters import MAIN
+from usdsplat.preview.stage_model.parameters import edit_parameter, editors, set_parameter
+from usdsplat.sim.parameters import GROUPS, INSTANCED
 from usdsplat.sim.stage.authoring import author
 from usdsplat.sim.stage.parameters import read_all
 
@@ -64,6 +67,24 @@ def test_values_are_those_of_the_stage():
     assert editor(stage, SIM, "deform:bend:angle").value == 90.0
     assert editor(stage, SIM, "growth:life").value is None
     assert editor(stage, SIM, "rd:preset").choices[0] == "custom"
+
+
+def test_an_edit_keeps_the_other_samples_and_is_for_all_times_without_samples():
+    """Oracle: the samples on the stage; a name that is none is an error as without a time."""
+    stage = rich()
+    edits = Edits(stage)
+    for time, value in ((1, 0.04), (11, 0.06)):
+        author(stage.GetPrimAtPath(SIM), {"rd:feed": value}, time=time)
+    edit_parameter(edits, SIM, "rd:feed", 0.1, now=6.0)
+    edit_parameter(edits, SIM, "rd:kill", 0.05, now=6.0)
+    values = [editor(stage, SIM, "rd:feed", time=time).value for time in (1.0, 6.0, 11.0)]
+    assert values == pytest.approx([0.04, 0.1, 0.06])
+    kill = editor(stage, SIM, "rd:kill", time=1.0)
+    assert kill.value == pytest.approx(0.05) and not kill.is_animated
+    edits.close()
+    for path, name in (("/None", "rd:feed"), ("", "rd:feed"), (SIM, "rd:none")):
+        with pytest.raises((StageError, UsageError)):
+            edit_parameter(edits, path, name, 0.1, now=6.0)
 
 
 def test_animated_parameters_show_the_value_of_the_time():
@@ -192,3 +213,16 @@ def test_known_prims_can_be_asked_for_alone():
 def test_a_stage_without_simulations_has_no_parameters():
     """Oracle: an empty stage."""
     assert editors(Usd.Stage.CreateInMemory()) == ()
+
+
+def test_main_parameters_exist_and_what_is_authored_is_main():
+    """Oracle: the knobs of each group; what a person has set must not hide."""
+    groups = {**GROUPS, **INSTANCED}
+    assert MAIN.keys() == groups.keys()
+    for group, names in MAIN.items():
+        assert set(names) <= {item.name for item in knobs(groups[group])}, group
+    stage = rich()
+    assert editor(stage, SIM, "rd:feed").is_main
+    assert not editor(stage, SIM, "rd:diffusionU").is_main
+    author(stage.GetPrimAtPath(SIM), {"rd:diffusionU": 0.2})
+    assert editor(stage, SIM, "rd:diffusionU").is_main

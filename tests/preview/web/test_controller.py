@@ -9,9 +9,13 @@ from contextlib import ExitStack
 import pytest
 from websockets.sync.client import connect
 
+from tests.preview.stage_model.stages import rich
 from tests.preview.web.wire import PATIENCE, Host, Page
+from usdsplat.preview.stage_model.edits import Edits
+from usdsplat.preview.stage_model.parameters import editors
 from usdsplat.preview.values import StageChanged
 from usdsplat.preview.web.server import serve
+from usdsplat.sim.stage.authoring import author
 
 
 def test_a_page_is_told_everything_and_shown_a_picture(host: Host) -> None:
@@ -311,3 +315,24 @@ def test_a_page_begins_with_the_camera_and_time_that_were_asked_for() -> None:
         assert (state.camera, state.time) == ("/B", 4.0)
     finally:
         host.close()
+
+
+def test_an_edit_of_an_animated_parameter_keeps_its_other_samples(host: Host) -> None:
+    """Oracle: the samples on the stage, of the time that the page shows and the authored ones."""
+    stage = rich()
+    for time, value in ((1, 0.04), (9, 0.06)):
+        author(stage.GetPrimAtPath("/World/Sim"), {"rd:feed": value}, time=time)
+    with host.page() as page:
+        page.final()
+        host.document.stage, host.document.edits = stage, Edits(stage)
+        page.say("set_time", time=5)
+        page.say("set_parameter", path="/World/Sim", name="rd:feed", value=0.1)
+        page.say("undo")  # which is told after the edit before it
+        while "said" not in dict(page.heard):
+            page.next()
+        host.document.edits.redo()
+        (found,) = [each for each in editors(stage, time=9.0) if each.path == "/World/Sim"]
+        assert {each.name: each.value for each in found.editors}["rd:feed"] == pytest.approx(0.06)
+        attribute = stage.GetAttributeAtPath("/World/Sim.splatSim:rd:feed")
+        assert attribute.GetTimeSamples() == [1.0, 5.0, 9.0]
+        host.document.edits.close()

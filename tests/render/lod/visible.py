@@ -36,6 +36,7 @@ def visible_nodes(seed, model):
     projector = Projector(
         device, FrameBuffers(device.resident), layout, screen, settings_of(), "srgb_rec709_scene"
     )
+    projector.lay_out()
     projector.project()
     projector.shade()
     splats = projector.sort((), labels=False)

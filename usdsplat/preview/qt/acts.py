@@ -61,6 +61,7 @@ def acts_of(window: Acting) -> dict[str, Callable[[], Any]]:
         "save_camera_layer": lambda: saving().camera_layer(),
         "screenshot": lambda: saving().screenshot(),
         "flipbook": lambda: saving().flipbook(),
+        "export": lambda: saving().export(),
         "close": window.close,
         "quit": QApplication.closeAllWindows,
         "undo": lambda: here().undo(),
@@ -83,6 +84,11 @@ def acts_of(window: Acting) -> dict[str, Callable[[], Any]]:
         "add_bookmark": lambda: here().context.viewer.add_bookmark(),
         "flip": window.flip,
         "hud": lambda: here().toggle_hud(),
+        **{
+            name: partial(lambda name: here().toggle_overlay(name), name)
+            for name in ("bounds", "wireframe", "lights")
+        },
+        "levels": lambda: here().toggle_levels(),
         "compare": lambda: here().toggle_compare(),
         "previous_aov": lambda: here().next_aov(-1),
         "next_aov": lambda: here().next_aov(1),

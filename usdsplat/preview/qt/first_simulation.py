@@ -13,7 +13,8 @@ from usdsplat.core.errors import StageError
 from usdsplat.core.progress import silent
 from usdsplat.preview.document import Document
 from usdsplat.preview.qt.panel_context import PanelContext
-from usdsplat.preview.qt.save_dialogs import BAKES, ask_name
+from usdsplat.preview.qt.picture_dialogs import ask_name
+from usdsplat.preview.qt.save_dialogs import BAKES
 from usdsplat.products.presets import make_stage
 
 WORDS = {

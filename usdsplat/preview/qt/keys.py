@@ -49,6 +49,7 @@ KEYS = (
         begins=True,
     ),
     Key(name="flipbook", menu="File", text="Flipbook…", keys=("Ctrl+Shift+F",)),
+    Key(name="export", menu="File", text="Export visible splats…", keys=("Ctrl+E",), begins=True),
     Key(name="close", menu="File", text="Close window", keys=("Ctrl+W",), begins=True),
     Key(name="quit", menu="File", text="Quit", keys=("Ctrl+Q",)),
     Key(name="undo", menu="Edit", text="Undo", keys=("Ctrl+Z",)),
@@ -77,6 +78,10 @@ KEYS = (
         is_checkable=True,
         begins=True,
     ),
+    Key(name="bounds", menu="View", text="Bounds of everything", keys=("B",), is_checkable=True),
+    Key(name="wireframe", menu="View", text="Wireframe of meshes", keys=("4",), is_checkable=True),
+    Key(name="lights", menu="View", text="Lights", keys=("L",), is_checkable=True),
+    Key(name="levels", menu="View", text="Levels of splat trees", keys=("5",), is_checkable=True),
     Key(
         name="compare",
         menu="View",
@@ -109,18 +114,21 @@ KEYS = (
 MENUS = ("File", "Edit", "View", "Camera", "Timeline", "Simulation", "Help")
 
 GESTURES = (
-    ("Left drag, Alt + left drag", "orbit"),
+    ("Left drag with another tool, Alt + left drag", "orbit"),
     ("Middle drag, Alt + middle drag", "pan"),
     ("Wheel, Alt + right drag", "dolly"),
     ("Right drag", "look around"),
     ("W A S D Q E with the right button", "fly; the wheel sets the speed, Shift is faster"),
     ("Click", "select the prim, and show the splat's values"),
+    ("Click the figure of a light", "select the light; the manipulator moves it"),
     ("Shift + click", "add the prim to the selection, or take it out"),
+    ("Left drag with the Select tool, Ctrl + left drag", "select the prims in a box"),
+    ("Shift + left drag with the Select tool", "add the prims in a box to the selection"),
     ("Double click", "orbit the point under the pointer"),
     ("A", "frame everything"),
     ("X", "the manipulator's axes: the world's or the prim's own"),
     ("Drag a handle", "move the selected prim, also while it simulates"),
-    ("Drag the wipe", "move the line of the comparison"),
+    ("Drag the wipe or its handle", "move the line of the comparison"),
     ("Drop a file", "open it in this window"),
 )
 """Gestures of the viewport, for the help."""

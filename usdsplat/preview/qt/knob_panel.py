@@ -25,7 +25,8 @@ from usdsplat.preview.qt.number_field import number_text
 class KnobPanel(QWidget):
     """A form that shows editors and signals changes, but changes nothing itself.
 
-    The rows of a group are created when it is first opened, so that hundreds of parameters cost
+    A group first shows the rows that are of use to most people, and the others behind "More". The
+    rows of a group are created when it is first opened, so that hundreds of parameters cost
     nothing while hidden.
 
     Args:
@@ -51,6 +52,8 @@ class KnobPanel(QWidget):
         groups: dict[str, list[Editor]] = {}
         for editor in editors:
             groups.setdefault(editor.group, []).append(editor)
+        is_main = {name: any(each.is_main for each in group) for name, group in groups.items()}
+        groups = dict(sorted(groups.items(), key=lambda item: not is_main[item[0]]))
         shape = tuple(_shape(editor) for editor in editors)
         if shape != self._shape:
             self._shape = shape
@@ -71,11 +74,13 @@ class KnobPanel(QWidget):
         for group in self._groups.values():
             if group.has(name):
                 group.open(True)
+                group.show_more(group.shows_more or name not in group.rows)
                 return group.rows[name]
         raise KeyError(name)
 
     def _rebuild(self, groups: dict[str, list[Editor]]) -> None:
         was_open = {name: group.is_open for name, group in self._groups.items()}
+        was_long = {name: group.shows_more for name, group in self._groups.items()}
         for group in self._groups.values():
             self._column.removeWidget(group)
             group.hide()
@@ -85,6 +90,7 @@ class KnobPanel(QWidget):
             is_first = self._open_groups is None or number < self._open_groups
             group = _Group(name, editors, panel=self)
             group.open(was_open.get(name, is_first))
+            group.show_more(was_long.get(name, False))
             self._groups[name] = group
             self._column.addWidget(group)
 
@@ -106,6 +112,12 @@ class _Group(QWidget):
         self._heading.setProperty("role", "heading")
         self._heading.setVisible(bool(name))
         self._heading.clicked.connect(lambda: self.open(not self.is_open))
+        self.more = QToolButton(self)
+        self.more.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
+        self.more.setProperty("role", "quiet")
+        self.more.setAutoRaise(True)
+        self.more.clicked.connect(lambda: self.show_more(not self.shows_more))
+        self.shows_more: bool = False
         self._body = QWidget(self)
         self._lines = QVBoxLayout(self._body)
         self._lines.setContentsMargins(8, 2, 4, 6)
@@ -115,6 +127,7 @@ class _Group(QWidget):
         column.setSpacing(0)
         column.addWidget(self._heading)
         column.addWidget(self._body)
+        column.addWidget(self.more)
         self.open(not name)
 
     def has(self, name: str) -> bool:
@@ -126,11 +139,19 @@ class _Group(QWidget):
         self._heading.setIcon(glyph("down" if self.is_open else "right"))
         self._arrange()
 
+    def show_more(self, is_shown: bool) -> None:
+        """Show all rows, or those that are of use to most people."""
+        self.shows_more = is_shown
+        self._arrange()
+
     def show_editors(self, editors: list[Editor]) -> None:
+        is_same = [each.is_main for each in editors] == [each.is_main for each in self._editors]
         self._editors = editors
         for editor in editors:
             if editor.name in self.rows:
                 self.rows[editor.name].show_editor(editor)
+        if not is_same:  # one that is authored is main
+            self._arrange()
 
     def search(self, text: str) -> int:
         """Show matching rows, even if collapsed; return their number."""
@@ -142,16 +163,25 @@ class _Group(QWidget):
 
     def _arrange(self) -> None:
         is_shown = self.is_open or bool(self._text)
-        self._body.setVisible(is_shown)
+        rest = sum(not editor.is_main for editor in self._editors)
+        is_whole = self.shows_more or bool(self._text)
+        self._body.setVisible(is_shown and (is_whole or rest < len(self._editors)))
+        self.more.setVisible(self.is_open and not self._text and rest > 0)
+        self.more.setText("Less" if self.shows_more else f"More ({rest})")
         if not is_shown:
             return
         for editor in self._editors:
+            if not (editor.is_main or is_whole):
+                if editor.name in self.rows:
+                    self.rows[editor.name].hide()
+                continue
             if editor.name not in self.rows:
                 row = KnobRow(editor)
                 row.changed.connect(self._panel.changed)
                 row.refused.connect(self._panel.refused)
                 self.rows[editor.name] = row
-                self._lines.addWidget(row)
+                known = [each.name for each in self._editors if each.name in self.rows]
+                self._lines.insertWidget(known.index(editor.name), row)
             self.rows[editor.name].setVisible(_matches(editor, self._text))
 
 
@@ -169,6 +199,8 @@ class KnobRow(QWidget):
         self.widget = make_widget(editor)
         self.widget.changed.connect(lambda value, key: self.changed.emit(editor.name, value, key))
         self.widget.refused.connect(self.refused)
+        self.problem = ElidedLabel()
+        self.problem.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
         self.reset = QToolButton()
         self.reset.setIcon(glyph("reset"))
         self.reset.setFixedSize(18, 18)
@@ -182,18 +214,24 @@ class KnobRow(QWidget):
         line.setSpacing(6)
         line.addWidget(self._label)
         line.addWidget(self.widget, 1)
+        line.addWidget(self.problem, 1)
         line.addWidget(self.reset)
         self.setMinimumHeight(style.ROW)
         self.show_editor(editor)
 
     def show_editor(self, editor: Editor) -> None:
-        """Show the current value."""
+        """Show the current value, or why the stage's value is none."""
         self._editor = editor
         self._label.show_text(editor.label, role="animated" if editor.is_animated else "quiet")
         self.setToolTip(tool_tip(editor))
         self.reset.setToolTip(f"Back to {value_text(editor, editor.default)}")
-        self.reset.setVisible(editor.value != editor.default and not editor.is_read_only)
+        is_other = editor.value != editor.default or bool(editor.problem)
+        self.reset.setVisible(is_other and not editor.is_read_only)
         self.widget.show_editor(editor)
+        self.widget.setVisible(not editor.problem)
+        self.problem.setVisible(bool(editor.problem))
+        self.problem.setToolTip(editor.problem)
+        self.problem.show_text(editor.problem.partition(": ")[2], role="wrong")
 
 
 class ElidedLabel(QLabel):

@@ -10,7 +10,7 @@ from PySide6.QtWidgets import QMessageBox, QWidget
 from usdsplat.preview.qt.save_dialogs import Saving
 from usdsplat.preview.qt.workspace import Workspace
 
-RECORDS = "A recording is not finished. What was simulated stays, and Record can resume it."
+RECORDS = "A recording is not finished. Its frames stay as a whole bake, and Record can resume it."
 EDITED = "The edits of {name} are on its session layer, which is not saved."
 
 

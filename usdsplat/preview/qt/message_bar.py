@@ -1,4 +1,4 @@
-"""Messages over the viewport: problems and notices with an action."""
+"""Messages above the viewport: problems and notices with an action."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from collections.abc import Callable
 
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import (
-    QGridLayout,
     QHBoxLayout,
     QLabel,
     QPushButton,
@@ -74,17 +73,13 @@ class MessageBar(QWidget):
         self.hide()
 
 
-def over(widget: QWidget, *bars: MessageBar) -> QWidget:
-    """Overlay bars on a widget's upper edge, so that messages do not move the picture."""
-    both, column = QWidget(), QWidget()
-    lines = QVBoxLayout(column)
+def above(widget: QWidget, *bars: MessageBar) -> QWidget:
+    """Lay out bars above a widget, which makes room for them: they cover nothing."""
+    both = QWidget()
+    lines = QVBoxLayout(both)
     lines.setContentsMargins(0, 0, 0, 0)
-    lines.setSpacing(1)
+    lines.setSpacing(0)
     for bar in bars:
         lines.addWidget(bar)
-    grid = QGridLayout(both)
-    grid.setContentsMargins(0, 0, 0, 0)
-    grid.addWidget(widget, 0, 0)
-    grid.addWidget(column, 0, 0, Qt.AlignmentFlag.AlignTop)
-    column.raise_()
+    lines.addWidget(widget, 1)
     return both

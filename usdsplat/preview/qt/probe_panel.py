@@ -10,13 +10,14 @@ from PySide6.QtGui import QColor
 from PySide6.QtWidgets import QGridLayout, QLabel, QVBoxLayout, QWidget
 
 from usdsplat.preview.histogram import Histogram, histogram
-from usdsplat.preview.picking import Picked, pick
+from usdsplat.preview.picking import Picked, in_box, pick
 from usdsplat.preview.probe import Probed, probe
 from usdsplat.preview.qt import style
 from usdsplat.preview.qt.histogram_plot import HistogramPlot
 from usdsplat.preview.qt.panel_context import PanelContext, Question
 from usdsplat.preview.qt.render_panel import scrolling
 from usdsplat.preview.qt.viewport import Viewport
+from usdsplat.preview.qt.viewport_holds import Rectangle
 from usdsplat.preview.values import Picture
 
 Rows = Sequence[tuple[str, str]]
@@ -59,6 +60,7 @@ class ProbePanel(QWidget):
         outer.addWidget(scrolling(body))
         viewport.probe_moved.connect(self._moved)
         viewport.pick_requested.connect(self._pick)
+        viewport.box_requested.connect(self._pick_in)
         context.proxy.picture.connect(self._drawn)
 
     # --- private ----------------------------------------------------------------------------
@@ -100,6 +102,16 @@ class ProbePanel(QWidget):
         kept = tuple(path for path in before if path not in picked)
         self._context.viewer.select((*kept, *(path for path in picked if path not in before)))
         self.show_picked(found)
+
+    def _pick_in(self, box: Rectangle, adds: bool) -> None:
+        """Select what is in a box; with `adds` beside the others."""
+        viewer = self._context.viewer
+
+        def answered(found: tuple[str, ...]) -> None:
+            kept = tuple(each for each in viewer.state.selected if adds and each not in found)
+            viewer.select((*kept, *found))
+
+        self._context.proxy.ask(lambda document: in_box(document, *box), answered)
 
     def show_pixel(self, found: Probed | None) -> None:
         """Show the values of a pixel."""

@@ -3,48 +3,34 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from PySide6.QtCore import QObject, Qt, Signal
+from PySide6.QtCore import QObject, Qt
 from PySide6.QtWidgets import (
-    QDialog,
-    QDialogButtonBox,
-    QFileDialog,
-    QFormLayout,
-    QLineEdit,
-    QMessageBox,
     QProgressDialog,
     QWidget,
 )
 
 from usdsplat.core.errors import UsdSplatError
-from usdsplat.preview import saving
+from usdsplat.preview import exporting, saving
 from usdsplat.preview.document import Document
-from usdsplat.preview.qt.number_field import NumberField
 from usdsplat.preview.qt.panel_context import PanelContext
+from usdsplat.preview.qt.picture_dialogs import (
+    PICTURES,
+    FlipbookDialog,
+    ScreenshotDialog,
+    and_more,
+    ask_name,
+)
 from usdsplat.preview.stage_model import saving as stage_saving
+from usdsplat.preview.values import ViewState
 from usdsplat.products.cancel import CancelToken
 
 USD = "USD layers (*.usda *.usd *.usdc)"
 BAKES = "USD layers (*.usda)"
-PICTURES = "Pictures (*.png *.jpg *.exr)"
-
-
-def ask_name(
-    parent: QWidget, title: str, filters: str, suggested: str, done: Callable[[Path], None]
-) -> QFileDialog:
-    """Show a non-blocking dialog for a file to write."""
-    dialog = QFileDialog(parent, title)
-    dialog.setAcceptMode(QFileDialog.AcceptMode.AcceptSave)
-    dialog.setNameFilter(filters)
-    dialog.setDefaultSuffix(Path(suggested).suffix.lstrip("."))
-    dialog.selectFile(suggested)
-    dialog.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
-    dialog.fileSelected.connect(lambda name: done(Path(name)))
-    dialog.open()
-    return dialog
 
 
 class Saving(QObject):
@@ -99,12 +85,19 @@ class Saving(QObject):
             )
 
     def screenshot(self) -> None:
-        """Ask for a file and save a full-quality picture of the viewport."""
-        ask_name(self._window, "Screenshot", PICTURES, "screenshot.png", self.write_screenshot)
+        """Ask for a size and a file, and save a full-quality picture of the viewport."""
 
-    def write_screenshot(self, path: Path) -> None:
-        """Write a full-quality picture of the viewport."""
-        state = self._context.viewer.state
+        def chosen(size: tuple[int, int]) -> None:
+            write = partial(self.write_screenshot, size=size)
+            ask_name(self._window, "Screenshot", PICTURES, "screenshot.png", write)
+
+        dialog = ScreenshotDialog(self._context, self._window)
+        dialog.chosen.connect(chosen)
+        dialog.open()
+
+    def write_screenshot(self, path: Path, *, size: tuple[int, int] | None = None) -> None:
+        """Write a full-quality picture of the viewport, of a size [pixel] or its own."""
+        state = self._state(size)
         self._write(path, lambda document: saving.save_view(document, state, path))
 
     def flipbook(self) -> None:
@@ -113,12 +106,41 @@ class Saving(QObject):
         dialog.chosen.connect(self.write_flipbook)
         dialog.open()
 
-    def write_flipbook(self, path: Path, frames: tuple[float, ...]) -> None:
+    def export(self) -> None:
+        """Ask for a file of any format, and write the visible splats."""
+        patterns = " ".join(
+            suffix[1:] if suffix.startswith("/") else f"*{suffix}"
+            for suffix in exporting.suffixes()
+        )
+        ask_name(
+            self._window,
+            "Export visible splats",
+            f"Splats ({patterns})",
+            "seen.ply",
+            self.write_export,
+        )
+
+    def write_export(self, path: Path) -> None:
+        """Write the splats that are visible at the current time."""
+        state = self._context.viewer.state
+
+        def failed(error: UsdSplatError) -> None:
+            self._said("")
+            self._context.complain(str(error))
+
+        self._said(f"Writing {path.name}…")
+        self._context.proxy.ask(
+            lambda document: exporting.export_seen(document, state, path), self._said, failed
+        )
+
+    def write_flipbook(
+        self, path: Path, frames: tuple[float, ...], size: tuple[int, int] | None = None
+    ) -> None:
         """Write frames, with a progress bar that can be cancelled."""
         progress = _Progress(path.name, len(frames), self._window)
         self._context.destroyed.connect(progress.deleteLater)  # the stage was closed
         reporter = _Reporter(partial(self._context.proxy.call, progress.setValue))
-        state = self._context.viewer.state
+        state = self._state(size)
 
         def failed(error: UsdSplatError) -> None:
             progress.deleteLater()
@@ -132,7 +154,7 @@ class Saving(QObject):
                 return
             progress.deleteLater()
             if book.files:
-                self._said(f"Wrote {book.files[0].name}{_more(book.files)}")
+                self._said(f"Wrote {book.files[0].name}{and_more(book.files)}")
 
         def ask() -> None:
             # One frame per task, so that others can run.
@@ -140,93 +162,18 @@ class Saving(QObject):
 
         ask()
 
+    def _state(self, size: tuple[int, int] | None) -> ViewState:
+        """Return the state of pictures of a size [pixel], or the viewport's.
+
+        They have the camera of the last picture: one that frames everything would frame the scene
+        again for another shape.
+        """
+        viewer = self._context.viewer
+        camera = viewer.state.camera or viewer.free_camera()
+        return replace(viewer.state, size=size or viewer.state.size, camera=camera)
+
     def _write(self, path: Path, task: Callable[[Document], Any]) -> None:
         self._context.proxy.ask(task, lambda result: self._said(f"Wrote {path.name}"))
-
-
-class FlipbookDialog(QDialog):
-    """Dialog for frames and name of a flipbook."""
-
-    chosen = Signal(object, object)
-
-    def __init__(self, context: PanelContext, parent: QWidget) -> None:
-        super().__init__(parent)
-        self.setWindowTitle("Flipbook")
-        self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
-        timeline = context.viewer.timeline
-        self._complain = context.complain
-        self.first, self.last, self.step = (
-            NumberField(name) for name in ("First frame", "Last frame", "Step")
-        )
-        for field, value in (
-            (self.first, timeline.start),
-            (self.last, timeline.end),
-            (self.step, timeline.step),
-        ):
-            field.show_value(value)
-            field.entered.connect(field.show_value)
-            field.refused.connect(context.complain)
-        self.name = QLineEdit("flipbook.####.png")
-        self.name.setMinimumWidth(320)
-        self.name.setToolTip("#### is the frame; .png, .jpg or .exr, or a movie: .mp4 or .mov")
-        browse = self.name.addAction(
-            self.style().standardIcon(self.style().StandardPixmap.SP_DirOpenIcon),
-            QLineEdit.ActionPosition.TrailingPosition,
-        )
-        browse.triggered.connect(self._browse)
-        self.buttons = QDialogButtonBox(
-            QDialogButtonBox.StandardButton.Save | QDialogButtonBox.StandardButton.Cancel
-        )
-        self.buttons.accepted.connect(self._accept)
-        self.buttons.rejected.connect(self.reject)
-        form = QFormLayout(self)
-        form.setContentsMargins(16, 16, 16, 12)
-        for label, widget in (
-            ("First frame", self.first),
-            ("Last frame", self.last),
-            ("Step", self.step),
-            ("File", self.name),
-        ):
-            form.addRow(label, widget)
-        form.addRow(self.buttons)
-
-    def frames(self) -> tuple[float, ...]:
-        """Return the chosen time codes."""
-        first, last, step = (field.value or 0.0 for field in (self.first, self.last, self.step))
-        if step <= 0 or last < first:
-            return ()
-        return tuple(first + number * step for number in range(int((last - first) / step) + 1))
-
-    def _browse(self) -> None:
-        filters = f"{PICTURES};;Movies (*.mp4 *.mov)"
-        dialog = ask_name(
-            self, "Flipbook", filters, self.name.text(), lambda to: self.name.setText(str(to))
-        )
-        # Asked in `_accept`, when all is known.
-        dialog.setOption(QFileDialog.Option.DontConfirmOverwrite)
-
-    def _accept(self) -> None:
-        """Accept; ask once before overwriting existing frames."""
-        try:
-            files = saving.targets(Path(self.name.text()), self.frames())
-        except UsdSplatError as error:
-            self._complain(str(error))
-            return
-        there = [path for path in files if path.exists()]
-        if not there:
-            self._choose()
-            return
-        words = f"{there[0].name}{_more(tuple(there))} exist{'' if len(there) > 1 else 's'}."
-        box = QMessageBox(QMessageBox.Icon.Question, "Flipbook", words, parent=self)
-        box.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
-        replace = box.addButton("Replace", QMessageBox.ButtonRole.DestructiveRole)
-        replace.clicked.connect(self._choose)
-        box.setDefaultButton(box.addButton(QMessageBox.StandardButton.Cancel))
-        box.open()
-
-    def _choose(self) -> None:
-        self.chosen.emit(Path(self.name.text()), self.frames())
-        self.accept()
 
 
 class _Progress(QProgressDialog):
@@ -251,7 +198,3 @@ class _Reporter:
 
     def step(self, label: str, done: int, total: int) -> None:
         self._tell(done)
-
-
-def _more(files: tuple[Path, ...]) -> str:
-    return f" and {len(files) - 1} more" if len(files) > 1 else ""

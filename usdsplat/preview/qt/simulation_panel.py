@@ -29,8 +29,9 @@ from usdsplat.preview.qt.first_simulation import FirstSimulation
 from usdsplat.preview.qt.glyphs import glyph
 from usdsplat.preview.qt.knob_panel import KnobPanel
 from usdsplat.preview.qt.panel_context import PanelContext, Question
+from usdsplat.preview.qt.picture_dialogs import ask_name
 from usdsplat.preview.qt.render_panel import scrolling
-from usdsplat.preview.qt.save_dialogs import BAKES, ask_name
+from usdsplat.preview.qt.save_dialogs import BAKES
 from usdsplat.preview.simulating.recording import can_resume
 from usdsplat.preview.stage_model import parameters
 from usdsplat.preview.stage_model.edits import Edits
@@ -57,6 +58,8 @@ class SimulationPanel(QWidget):
         self._context = context
         self.status = SimulationStatus(state="none")
         self._prims: tuple[ParameterPrim, ...] = ()
+        self._time: float | None = None
+        """Time of the values that are shown or asked for."""
         self._question = Question(self, self._ask)
         self.run = _button("play", "Run", self.toggle)
         self.step = _button("step on", "Step", lambda: self._command("step"))
@@ -200,8 +203,9 @@ class SimulationPanel(QWidget):
         def answered(prims: tuple[ParameterPrim, ...]) -> None:
             done()
             self._show_prims(prims)
+            self._follow_time()
 
-        time = self._context.time
+        self._time = time = self._context.time
         self._context.proxy.ask(
             lambda document: parameters.editors(document.stage, time=time),
             answered,
@@ -231,6 +235,13 @@ class SimulationPanel(QWidget):
         row = self.prims.currentRow()
         return self._prims[row] if 0 <= row < len(self._prims) else None
 
+    def _follow_time(self) -> None:
+        """Ask for the values of another time, if any parameter has others."""
+        is_animated = any(each.is_animated for prim in self._prims for each in prim.editors)
+        if is_animated and self._context.time != self._time:
+            self._time = self._context.time
+            self._question.refresh()
+
     def _choose(self, row: int) -> None:
         """Show a prim's parameters and select it."""
         prim = self._chosen()
@@ -239,7 +250,8 @@ class SimulationPanel(QWidget):
             self._context.viewer.select((prim.path,))
 
     def _follow(self) -> None:
-        """Show the parameters of a prim that was selected elsewhere."""
+        """Show the values at the time, and the parameters of a prim that was selected elsewhere."""
+        self._follow_time()
         paths = [prim.path for prim in self._prims]
         if self._context.selected in paths:
             self.prims.setCurrentRow(paths.index(self._context.selected))
@@ -247,7 +259,10 @@ class SimulationPanel(QWidget):
     def _set(self, name: str, value: Any, merge: str) -> None:
         prim = self._chosen()
         if prim is not None:
-            step = partial(_set, path=prim.path, name=name, value=value, merge=merge or None)
+            now = self._context.time
+            step = partial(
+                _set, path=prim.path, name=name, value=value, now=now, merge=merge or None
+            )
             drag = f"{prim.path} {name} {merge}" if merge else ""
             self._context.edit(step, failed=lambda: self._question.refresh(at_once=True), drag=drag)
             self._question.refresh()
@@ -279,5 +294,7 @@ def _record(document: Document, *, path: Path, existing: Existing) -> None:
     _simulation(document).record(path, existing=existing)
 
 
-def _set(edits: Edits, *, path: str, name: str, value: Any, merge: str | None) -> None:
-    parameters.set_parameter(edits, path, name, value, merge=merge)
+def _set(
+    edits: Edits, *, path: str, name: str, value: Any, now: float | None, merge: str | None
+) -> None:
+    parameters.edit_parameter(edits, path, name, value, now=now, merge=merge)

@@ -29,24 +29,19 @@ from PySide6.QtGui import (
 )
 from PySide6.QtWidgets import QWidget
 
-from usdsplat.preview.manipulator import Handle, Manipulator, Mode, Space
+from usdsplat.preview.manipulator import Manipulator, Mode, Space
 from usdsplat.preview.projection import Pixel, Projection
-from usdsplat.preview.qt.viewport_holds import (
-    CLICK,
-    HandleHold,
-    Hold,
-    NavigatingHold,
-    WipeHold,
-)
+from usdsplat.preview.qt.viewport_figures import EdgeLines
+from usdsplat.preview.qt.viewport_holds import BoxHold, HandleHold, Hold, NavigatingHold
 from usdsplat.preview.qt.viewport_navigation import (
     MODE_KEYS,
     NOTCH,
     QUICKER,
     Moves,
-    gesture_of,
     notches,
 )
 from usdsplat.preview.qt.viewport_painting import Rate, Scene, paint, paint_nothing
+from usdsplat.preview.qt.viewport_targets import Hot, Press, Targets
 from usdsplat.preview.values import Picture
 from usdsplat.preview.viewer import Viewer
 
@@ -54,8 +49,6 @@ REST = 80
 """Time after the last input until the view rests [ms]."""
 TICK = 8
 """Interval of ticks of animations [ms]."""
-WIPE_REACH = 7.0
-"""Maximum distance from the wipe for a hit [pixel of the window]."""
 
 
 class Viewport(QWidget):
@@ -68,6 +61,8 @@ class Viewport(QWidget):
 
     pick_requested = Signal(float, float, bool)
     """A click, in pixels of the viewport; whether it adds to the selection."""
+    box_requested = Signal(object, bool)
+    """A box was drawn: left, top, right, bottom; whether it adds to the selection."""
     focus_requested = Signal(float, float)
     """A double click."""
     probe_moved = Signal(float, float)
@@ -86,13 +81,13 @@ class Viewport(QWidget):
         self.space: Space = "world"
         self.shows_hud = True
         self._image = QImage()
+        self._edges = EdgeLines()
         self._rate = Rate()
         self._moves = Moves()
         self._hold: Hold | None = None
         self._button = Qt.MouseButton.NoButton
         self._keys: set[int] = set()
-        self._hot: Handle | None = None
-        self._wipe_is_hot = False
+        self._hot = Hot()
         self._probed: Pixel | None = None
         self.setAttribute(Qt.WidgetAttribute.WA_OpaquePaintEvent)
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
@@ -121,13 +116,13 @@ class Viewport(QWidget):
 
     def set_mode(self, mode: Mode | None) -> None:
         """Set the mode of the manipulator, or none."""
-        self.mode, self._hot = mode, None
+        self.mode, self._hot = mode, Hot()
         self.manipulator_changed.emit()
         self.update()
 
     def set_space(self, space: Space) -> None:
         """Set the manipulator's axes: the world's or the prim's own."""
-        self.space, self._hot = space, None
+        self.space, self._hot = space, Hot()
         self.manipulator_changed.emit()
         self.update()
 
@@ -156,6 +151,17 @@ class Viewport(QWidget):
             ratio=self.devicePixelRatioF(),
         )
 
+    @property
+    def targets(self) -> Targets:
+        """Everything that can be pressed."""
+        return Targets(
+            viewer=self.viewer,
+            projection=self.projection,
+            manipulator=self.manipulator,
+            lights=() if self.picture is None else self.picture.overlays.lights,
+            ratio=self.devicePixelRatioF(),
+        )
+
     def sizeHint(self) -> QSize:
         return QSize(960, 720)
 
@@ -172,10 +178,13 @@ class Viewport(QWidget):
             size=self._size(),
             ratio=self.devicePixelRatioF(),
             projection=self.projection,
+            edges=self._edges.of(self.picture, self._size(), self.projection),
             manipulator=self.manipulator,
-            hot=self._hot,
+            hot=self._hot.handle,
+            hot_light=self._hot.light,
             wipe=None if state.other is None else state.wipe,
-            wipe_is_hot=self._wipe_is_hot,
+            wipe_is_hot=self._hot.is_wipe,
+            box=self._hold.rectangle if isinstance(self._hold, BoxHold) else None,
             shows_hud=self.shows_hud,
             rate=self._rate.per_second,
         )
@@ -196,7 +205,10 @@ class Viewport(QWidget):
             self._hover(pixel)
             return
         self._hold.move(pixel, event.modifiers())
-        self._soon()
+        if isinstance(self._hold, BoxHold):
+            self.update()
+        else:
+            self._soon()
 
     def mouseReleaseEvent(self, event: QMouseEvent) -> None:
         if self._hold is None or event.button() != self._button:
@@ -206,7 +218,7 @@ class Viewport(QWidget):
 
     def mouseDoubleClickEvent(self, event: QMouseEvent) -> None:
         pixel = self._pixel(event.position())
-        is_free = self._handle_at(pixel) is None and not self._is_on_wipe(pixel)
+        is_free = self.targets.at(pixel) == Hot()
         if event.button() == Qt.MouseButton.LeftButton and is_free:
             self.focus_requested.emit(*pixel)
         else:
@@ -222,7 +234,7 @@ class Viewport(QWidget):
         event.accept()
 
     def leaveEvent(self, event: QEvent) -> None:
-        self._hot, self._wipe_is_hot, self._probed = None, False, None
+        self._hot, self._probed = Hot(), None
         self.probe_left.emit()
         self.update()
 
@@ -291,50 +303,26 @@ class Viewport(QWidget):
 
     def _take(self, event: QMouseEvent) -> Hold | None:
         """Return the hold that a press begins, or None."""
-        pixel, ratio = self._pixel(event.position()), self.devicePixelRatioF()
-        projection, manipulator = self.projection, self.manipulator
-        gesture = gesture_of(event.button(), event.modifiers())
-        if gesture is None or projection is None:
-            return None
-        is_plain = not event.modifiers() & (
-            Qt.KeyboardModifier.AltModifier | Qt.KeyboardModifier.MetaModifier
+        pixel, targets = self._pixel(event.position()), self.targets
+        press = Press(
+            pixel=pixel,
+            button=event.button(),
+            modifiers=event.modifiers(),
+            has_tool=self.mode is not None,
+            moves=self._moves,
+            clicked=lambda pixel, adds: self.pick_requested.emit(*pixel, adds),
+            boxed=self.box_requested.emit,
         )
-        adds = bool(event.modifiers() & Qt.KeyboardModifier.ShiftModifier)
-        if event.button() != Qt.MouseButton.LeftButton or not is_plain:
-            return NavigatingHold(gesture, pixel, self._moves, self.viewer)
-        if self._is_on_wipe(pixel):
-            return WipeHold(pixel, self.viewer)
-        handle = self._handle_at(pixel)
-        if manipulator is not None and handle is not None:
-            self._hot = handle
-            return HandleHold(handle, manipulator, pixel, projection, self.viewer)
-        return NavigatingHold(
-            gesture,
-            pixel,
-            self._moves,
-            self.viewer,
-            slack=CLICK * ratio,
-            clicked=lambda: self.pick_requested.emit(*pixel, adds),
-        )
-
-    def _handle_at(self, pixel: Pixel) -> Handle | None:
-        projection, manipulator = self.projection, self.manipulator
-        if projection is None or manipulator is None or self._is_on_wipe(pixel):
-            return None
-        return manipulator.hit(pixel, projection)
-
-    def _is_on_wipe(self, pixel: Pixel) -> bool:
-        state = self.viewer.state
-        reach = WIPE_REACH * self.devicePixelRatioF()
-        return state.other is not None and abs(state.wipe * state.size[0] - pixel[0]) <= reach
+        hold = press.hold(targets)
+        if isinstance(hold, HandleHold):
+            self._hot = targets.at(pixel)
+        return hold
 
     def _hover(self, pixel: Pixel) -> None:
-        hot, wipe_is_hot = self._handle_at(pixel), self._is_on_wipe(pixel)
-        if (hot, wipe_is_hot) != (self._hot, self._wipe_is_hot):
-            self._hot, self._wipe_is_hot = hot, wipe_is_hot
-            self.setCursor(
-                Qt.CursorShape.SplitHCursor if wipe_is_hot else Qt.CursorShape.ArrowCursor
-            )
+        hot = self.targets.at(pixel)
+        if hot != self._hot:
+            self._hot = hot
+            self.setCursor(hot.cursor)
             self.update()
         self._probed = pixel
         self._flush.start()

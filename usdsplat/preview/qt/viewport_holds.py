@@ -1,4 +1,4 @@
-"""Drags in a viewport: of the view, the wipe or a handle.
+"""Drags in a viewport: of the view, a box, the wipe or a handle.
 
 Positions are in pixels of the viewport.
 """
@@ -22,6 +22,8 @@ from usdsplat.preview.qt.viewport_navigation import (
 )
 from usdsplat.preview.viewer import Viewer
 
+Rectangle = tuple[float, float, float, float]
+"""Left, top, right and bottom edge."""
 CLICK = 4.0
 """Distance from which a press becomes a drag [pixel of the window]."""
 
@@ -93,6 +95,51 @@ class NavigatingHold:
             return False
         self._viewer.set_flight(*flight_of(keys, modifiers))
         return not keys.isdisjoint(FLIGHT_KEYS)
+
+
+class BoxHold:
+    """A drag that draws a box around what is to be selected; released at once it is a click."""
+
+    cursor = Qt.CursorShape.CrossCursor
+
+    def __init__(
+        self,
+        pixel: Pixel,
+        *,
+        slack: float,
+        clicked: Callable[[], None],
+        boxed: Callable[[Rectangle], None],
+    ) -> None:
+        self._start, self._end, self._slack = pixel, pixel, slack
+        self._clicked, self._boxed = clicked, boxed
+        self._is_box = False
+
+    @property
+    def rectangle(self) -> Rectangle | None:
+        """The box so far; None as long as it may be a click."""
+        if not self._is_box:
+            return None
+        (x0, x1), (y0, y1) = (sorted(pair) for pair in zip(self._start, self._end, strict=True))
+        return x0, y0, x1, y1
+
+    def move(self, pixel: Pixel, modifiers: Qt.KeyboardModifier) -> None:
+        """Draw the box to the pointer."""
+        self._end = pixel
+        away = max(abs(pixel[0] - self._start[0]), abs(pixel[1] - self._start[1]))
+        self._is_box |= away > self._slack
+
+    def let_go(self, pixel: Pixel) -> None:
+        """Report the box, or a click."""
+        self.move(pixel, Qt.KeyboardModifier.NoModifier)
+        rectangle = self.rectangle
+        if rectangle is None:
+            self._clicked()
+        else:
+            self._boxed(rectangle)
+
+    def press(self, keys: set[int], modifiers: Qt.KeyboardModifier) -> bool:
+        """Return False: keys are not used."""
+        return False
 
 
 class WipeHold:

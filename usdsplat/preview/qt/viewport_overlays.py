@@ -37,7 +37,7 @@ CUBE = 4.5
 CORNER = 0.16
 """Fraction of a box edge that is bright, at each end."""
 TRIPOD = 26.0
-WIPE_GRIP = 11.0
+WIPE_GRIP = 14.0
 _AWAY = 0.28
 """Opacity of handles that cannot be dragged, or are on the far side."""
 
@@ -81,11 +81,31 @@ def paint_manipulator(
     painter.setOpacity(1.0)
 
 
-def paint_wipe(painter: QPainter, x: float, height: float, *, ratio: float, is_hot: bool) -> None:
-    """Paint the wipe of a comparison and its handle."""
-    middle, radius = QPointF(x, 0.5 * height), WIPE_GRIP * ratio
+def paint_box(painter: QPainter, box: tuple[float, float, float, float], *, ratio: float) -> None:
+    """Paint the box of a selection in progress."""
+    left, top, right, bottom = box
+    fill = QColor(LINE)
+    fill.setAlphaF(0.1)
+    place = QRectF(left, top, right - left, bottom - top)
+    painter.fillRect(place, fill)
+    painter.setBrush(Qt.BrushStyle.NoBrush)
+    for tint, width, style in (
+        (SEAM, 2.4, Qt.PenStyle.SolidLine),
+        (LINE, 1.0, Qt.PenStyle.DashLine),
+    ):
+        pen = _pen(tint, width * ratio)
+        pen.setStyle(style)
+        painter.setPen(pen)
+        painter.drawRect(place)
+
+
+def paint_wipe(
+    painter: QPainter, x: float, height: float, middle: QPointF, *, ratio: float, is_hot: bool
+) -> None:
+    """Paint the wipe of a comparison, and its handle around `middle`."""
+    radius = WIPE_GRIP * ratio * (1.2 if is_hot else 1.0)
     color = HOT if is_hot else LINE
-    for tint, width in ((SEAM, 3.0), (color, 1.0)):
+    for tint, width in ((SEAM, 4.0), (color, 2.0 if is_hot else 1.4)):
         painter.setPen(_pen(tint, width * ratio))
         painter.drawLine(QPointF(x, 0.0), QPointF(x, height))
     painter.setPen(_pen(color, 1.2 * ratio))

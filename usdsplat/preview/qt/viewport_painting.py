@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 
-from PySide6.QtCore import QPointF, QRectF, Qt
+from PySide6.QtCore import QLineF, QPointF, QRectF, Qt
 from PySide6.QtGui import QImage, QPainter
 
 from usdsplat.preview.manipulator import Handle, Manipulator
 from usdsplat.preview.projection import Projection
 from usdsplat.preview.qt import style
+from usdsplat.preview.qt import viewport_figures as figures
 from usdsplat.preview.qt import viewport_hud as hud
 from usdsplat.preview.qt import viewport_overlays as overlays
+from usdsplat.preview.qt.viewport_holds import Rectangle
+from usdsplat.preview.qt.viewport_targets import grip_of
 from usdsplat.preview.values import Picture
 
 MEMORY = 1.0
@@ -59,12 +63,18 @@ class Scene:
     ratio: float
     """Screen pixels per window pixel."""
     projection: Projection
+    edges: Sequence[QLineF]
+    """The edges of meshes."""
     manipulator: Manipulator | None
     hot: Handle | None
     """The handle under the pointer."""
+    hot_light: str
+    """Path of the light under the pointer; "" for none."""
     wipe: float | None
     """Position of the wipe as a fraction of the width; None for no comparison."""
     wipe_is_hot: bool
+    box: Rectangle | None
+    """The box that is being drawn; None for none."""
     shows_hud: bool
     rate: float | None
     """Pictures per second."""
@@ -105,13 +115,26 @@ def _paint_image(painter: QPainter, place: QRectF, scene: Scene) -> None:
 def _paint_placed(painter: QPainter, scene: Scene) -> None:
     """Paint overlays with a position in the picture, in viewport pixels."""
     ratio, (width, height) = scene.ratio, scene.size
-    overlays.paint_boxes(painter, scene.picture.boxes, scene.projection, ratio=ratio)
+    over, state = scene.picture.overlays, scene.picture.state
+    figures.paint_edges(painter, scene.edges, ratio=ratio)
+    boxes = (*over.bounds, *scene.picture.boxes)
+    overlays.paint_boxes(painter, boxes, scene.projection, ratio=ratio)
+    figures.paint_lights(
+        painter,
+        over.lights,
+        scene.projection,
+        ratio=ratio,
+        chosen=state.selected,
+        hot=scene.hot_light,
+    )
     if scene.wipe is not None:
-        overlays.paint_wipe(
-            painter, scene.wipe * width, height, ratio=ratio, is_hot=scene.wipe_is_hot
-        )
+        x = scene.wipe * width
+        grip = QPointF(*grip_of(x, scene.size, ratio=ratio))
+        overlays.paint_wipe(painter, x, height, grip, ratio=ratio, is_hot=scene.wipe_is_hot)
     if scene.manipulator is not None:
         overlays.paint_manipulator(painter, scene.manipulator, scene.projection, hot=scene.hot)
+    if scene.box is not None:
+        overlays.paint_box(painter, scene.box, ratio=ratio)
     corner = QPointF(CORNER * ratio, height - CORNER * ratio)
     overlays.paint_tripod(painter, scene.projection, corner, ratio=ratio)
 

@@ -29,7 +29,7 @@ from usdsplat.preview.qt.glyphs import glyph, window_icon
 from usdsplat.preview.qt.help_dialog import HelpDialog, show_about
 from usdsplat.preview.qt.keys import KEYS, MENUS, Key
 from usdsplat.preview.qt.leaving import ask_to_leave, losses
-from usdsplat.preview.qt.message_bar import MessageBar, over
+from usdsplat.preview.qt.message_bar import MessageBar, above
 from usdsplat.preview.qt.opening_again import Opener, Source
 from usdsplat.preview.qt.recent_menu import RecentMenu
 from usdsplat.preview.qt.save_dialogs import Saving
@@ -83,7 +83,7 @@ class Window(QMainWindow):
         self.empty = EmptyPage()
         self._pages = QStackedWidget()
         self._pages.addWidget(self.empty)
-        self.setCentralWidget(over(self._pages, self.problems))
+        self.setCentralWidget(above(self._pages, self.problems))
         self._note = QLabel()
         self._path_note = QLabel()
         self._path_note.setContentsMargins(0, 0, 10, 0)
@@ -333,8 +333,8 @@ class Window(QMainWindow):
         if self.workspace is None:
             return
         state = self.workspace.context.viewer.state
-        self.actions_by_name["compare"].setChecked(state.other is not None)
-        self.actions_by_name["hud"].setChecked(self.workspace.shows_hud)
+        for name, is_on in self.workspace.toggles.items():
+            self.actions_by_name[name].setChecked(is_on)
         for name in TOOLS:
             mode = self.workspace.viewport.mode or "none"
             self.actions_by_name[name].setChecked(name == f"tool_{mode}")

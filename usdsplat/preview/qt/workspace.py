@@ -12,7 +12,7 @@ from PySide6.QtWidgets import QMenu, QSplitter, QTabWidget, QVBoxLayout, QWidget
 from usdsplat.images.aovs import AOVS
 from usdsplat.preview import opening
 from usdsplat.preview.picking import Picked, pick
-from usdsplat.preview.qt.message_bar import MessageBar, over
+from usdsplat.preview.qt.message_bar import MessageBar, above
 from usdsplat.preview.qt.panel_context import PanelContext, Question
 from usdsplat.preview.qt.prim_panel import PrimPanel
 from usdsplat.preview.qt.prim_tree import PrimTree
@@ -34,6 +34,10 @@ SIDES = (330, 920, 350)
 """Initial widths of tree, viewport and panels [pixel]."""
 NARROWEST = (260, 240, 290)
 """Minimum widths of tree, viewport and panels [pixel]."""
+
+
+_OVERLAYS = {"bounds": "shows_bounds", "wireframe": "shows_edges", "lights": "shows_lights"}
+"""Action -> field of the viewer's state."""
 
 
 class Workspace(QWidget):
@@ -74,6 +78,7 @@ class Workspace(QWidget):
         self._watch = QTimer(self)
         self._watch.timeout.connect(self._files.refresh)
         self._watch.start(LOOK_AT_FILES)
+        context.viewer.set_overlays(shows_lights=True)
         context.viewer.opened(opened)
         self.tree.model.refresh()
 
@@ -107,6 +112,27 @@ class Workspace(QWidget):
     def toggle_hud(self) -> None:
         """Show or hide the heads-up display."""
         self.viewport.set_hud(not self.viewport.shows_hud)
+
+    @property
+    def toggles(self) -> dict[str, bool]:
+        """Whether what the menus switch on and off is on, by the name of its action."""
+        state = self.context.viewer.state
+        return {
+            "compare": state.other is not None,
+            "hud": self.shows_hud,
+            "levels": state.look.aov == "splatId" and state.display.id_colors == "levels",
+            **{name: getattr(state, field) for name, field in _OVERLAYS.items()},
+        }
+
+    def toggle_levels(self) -> None:
+        """Colour splat trees by level, or show colour again."""
+        is_on, viewer = self.toggles["levels"], self.context.viewer
+        viewer.set_display(id_colors="ids" if is_on else "levels")
+        viewer.set_look(aov="color" if is_on else "splatId")
+
+    def toggle_overlay(self, name: str) -> None:
+        """Show or hide bounds, wireframe or lights."""
+        self.context.viewer.set_overlays(**{_OVERLAYS[name]: not self.toggles[name]})
 
     def toggle_channel(self, channel: str) -> None:
         """Show a single channel, or all again if it is already shown."""
@@ -190,7 +216,7 @@ class Workspace(QWidget):
         middle.setContentsMargins(0, 0, 0, 0)
         middle.setSpacing(0)
         middle.addWidget(self.strip)
-        middle.addWidget(over(self.viewport, self.problems, self.notices), 1)
+        middle.addWidget(above(self.viewport, self.problems, self.notices), 1)
         self.right = QTabWidget()
         self.right.setDocumentMode(True)
         self.right.addTab(self.render_panel, "Render")

@@ -12,10 +12,12 @@ from usdsplat.core.errors import UsageError
 from usdsplat.core.output import Existing
 from usdsplat.images.frame_numbers import LIMIT
 from usdsplat.kernels.device import Device
+from usdsplat.preview.simulating.gate import Stopped
 from usdsplat.preview.simulating.job import Host, Job
 from usdsplat.preview.simulating.live import span
+from usdsplat.sim.stage.extending import EARLY
 from usdsplat.sim.stage.provenance import read_record
-from usdsplat.sim.stage.simulating import SimulateOptions, simulate
+from usdsplat.sim.stage.simulating import Ending, SimulateOptions, simulate
 from usdsplat.sim.stage.twins import twin
 
 
@@ -68,7 +70,11 @@ class Recording(Job):
             self._stage,
             self.target,
             frames,
-            SimulateOptions(device=self._device, existing=self._existing),
+            SimulateOptions(
+                device=self._device,
+                existing=self._existing,
+                ending=Ending(errors=(Stopped,), reading=self._host.lock),
+            ),
             progress=self,
             reading=self._reading,
         )
@@ -96,13 +102,14 @@ class Recording(Job):
 
 
 def can_resume(target: Path) -> bool:
-    """Return whether there is an unfinished bake with a checkpoint, which can be resumed."""
+    """Return whether there is a bake that was stopped, and can be resumed: it has a checkpoint, or
+    is whole with fewer frames than were asked for."""
     try:
         layer = Sdf.Layer.OpenAsAnonymous(str(target), metadataOnly=True)
     except RuntimeError:  # pxr's error for a file that cannot be read
         return False
     record = read_record(layer)
-    return record is not None and bool(record.get("checkpoint"))
+    return record is not None and bool(record.get("checkpoint") or record.get(EARLY))
 
 
 def _range(stage: Usd.Stage) -> list[float]:

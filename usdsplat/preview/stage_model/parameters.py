@@ -12,6 +12,7 @@ from usdsplat.core.errors import StageError, UsageError, UsdSplatError
 from usdsplat.core.knobs import Knob, knobs
 from usdsplat.preview.knob_model import Editor, editor_of, kind_of, typed
 from usdsplat.preview.stage_model.edits import Edits
+from usdsplat.preview.stage_model.main_parameters import MAIN
 from usdsplat.preview.stage_model.placing import code_of
 from usdsplat.sim.parameters import (
     GROUPS,
@@ -137,6 +138,30 @@ def set_parameter(
     edits.set_parameter(prim, name, typed(item, value), time=time, merge=merge)
 
 
+def edit_parameter(
+    edits: Edits, path: str, name: str, value: Any, *, now: float | None, merge: str | None = None
+) -> None:
+    """Set a parameter as a panel shows it: an animated one at the time of the view, which keeps
+    its other samples, and any other one for all times.
+
+    Args:
+        edits, path, name, value, merge: As for `set_parameter`.
+        now: Time code of the view; None is USD's default time.
+
+    Raises:
+        UsdSplatError: As for `set_parameter`.
+    """
+    _, _, item = find(name)
+    prim = edits.stage.GetPrimAtPath(path) if path.startswith("/") else None
+    attribute = prim.GetAttribute(f"{NAMESPACE}:{name}") if prim else None
+    is_animated = attribute is not None and _is_animated(attribute, item)
+    set_parameter(edits, path, name, value, time=now if is_animated else None, merge=merge)
+
+
+def _is_animated(attribute: Usd.Attribute, item: Knob) -> bool:
+    return bool(attribute) and not item.uniform and attribute.GetNumTimeSamples() > 0
+
+
 def _editors(prim: Usd.Prim, code: Usd.TimeCode) -> Iterator[Editor]:
     """Yield the editors of all groups that are applied to a prim or have authored attributes."""
     if prim.GetTypeName() == SIMULATION_TYPE:
@@ -163,10 +188,12 @@ def _has(prim: Usd.Prim, group: str) -> bool:
 def _group(
     prim: Usd.Prim, cls: type, lead: str, heading: str, code: Usd.TimeCode
 ) -> Iterator[Editor]:
+    main = MAIN[lead.partition(":")[0]]
     for item in knobs(cls):
         name = f"{lead}:{camel(item.name)}"
         if kind_of(item) is not None:
-            yield _editor(prim, item, name, heading, code)
+            made = _editor(prim, item, name, heading, code)
+            yield replace(made, is_main=item.name in main or made.is_authored)
         if item.takes_mask and _has_masks(prim):
             yield _editor(prim, binding_of(item), f"{name}:{MASK}", heading, code)
 
@@ -186,7 +213,7 @@ def _editor(prim: Usd.Prim, item: Knob, name: str, heading: str, code: Usd.TimeC
         problem = str(error)
     return replace(
         editor_of(item, held, name=name, group=heading),
-        is_animated=bool(attribute) and not item.uniform and attribute.GetNumTimeSamples() > 0,
+        is_animated=_is_animated(attribute, item),
         is_authored=bool(attribute) and attribute.HasAuthoredValue(),
         is_read_only=prim.IsInstanceProxy(),
         problem=problem,

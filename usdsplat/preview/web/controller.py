@@ -223,10 +223,11 @@ class WebController:
 
     def _set_parameter(self, message: m.SetParameter) -> None:
         path, name, value = message.path, message.name, message.value
+        now = self._viewer.state.time
         merge = f"{path} {name} {message.drag}" if message.drag else None
 
         def task(document: Document) -> None:
-            parameters.set_parameter(document.edits, path, name, value, merge=merge)
+            parameters.edit_parameter(document.edits, path, name, value, now=now, merge=merge)
 
         def refused(error: UsdSplatError) -> None:
             self._heard(Problem(sentence=str(error)))

@@ -102,6 +102,7 @@ def _list_splats(
     """Project all splats and list them by tile."""
     device = rasterizer.device
     projector = Projector(device, buffers, layout, screen, SETTINGS, SPACE)
+    projector.lay_out()
     projector.project()
     projector.find_ray_hits()
     found = projector.sort((), labels=False)

@@ -10,8 +10,6 @@ with Bake.open(stage, target, fields, times, parameters, provenance, resume=True
 
 from __future__ import annotations
 
-import itertools
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -31,12 +29,13 @@ from usdsplat.sim.stage import plan as plans
 from usdsplat.sim.stage.bake_authors import Author, author_of
 from usdsplat.sim.stage.bake_dense import stop
 from usdsplat.sim.stage.bake_layers import BakeLayers
+from usdsplat.sim.stage.bake_parts import parts_of, spans_of
 from usdsplat.sim.stage.epochs import samples
-from usdsplat.sim.stage.extending import MERGED, extension, is_shorter, last_epoch
+from usdsplat.sim.stage.extending import EARLY, MERGED, extension, is_shorter, last_epoch
 from usdsplat.sim.stage.plan import BakedField, Plan
 from usdsplat.sim.stage.provenance import Provenance, known_record, parameter_hash
-from usdsplat.sim.stage.sample_layer import Part, new_part
-from usdsplat.sim.stage.spool import Spool, ids_of, match
+from usdsplat.sim.stage.sample_layer import new_part
+from usdsplat.sim.stage.spool import Spool
 from usdsplat.sim.state import Frame, State
 
 _EXTRA = "bake:"
@@ -75,7 +74,9 @@ class Bake:
         """Epochs whose samples are in the file of a shorter bake; None unless one is extended."""
         self._shown = 0
         """Frames of the shorter bake."""
-        self._start_hash = ""
+        self._start_hashes: dict[int, str] = {}
+        """Index of each frame to keep a checkpoint of -> hash of the parameters up to it."""
+        self._is_early = False
         self._keeps = True
         self.is_stopped = False
         """Whether the bake is left unfinished, to be resumed from its last checkpoint."""
@@ -131,7 +132,8 @@ class Bake:
         }
         bake = cls(layers, made, [float(time) for time in times], parameters, provenance)
         bake._keeps = keeps_checkpoint
-        bake._start_hash = bake._hash_until(stage, last_epoch(len(times), parameters.clip_frames))
+        last = last_epoch(len(times), parameters.clip_frames)
+        bake._start_hashes[last] = bake._hash_until(stage, last)
         if known is None:
             bake._is_new = True
         else:
@@ -159,8 +161,7 @@ class Bake:
 
     def _is_start(self, time: float) -> bool:
         """Return whether frames can be added to the finished bake from a frame."""
-        start = last_epoch(len(self._times), self._parameters.clip_frames)
-        return self._keeps and self._times.index(time) == start
+        return self._keeps and self._times.index(time) in self._start_hashes
 
     def write(self, path: str, frame: Frame) -> None:
         """Write the next frame of a field, in the field's own space.
@@ -178,7 +179,7 @@ class Bake:
         if index >= len(self._times) or frame.time != self._times[index]:
             expected = f"{self._times[index]:g}" if index < len(self._times) else "no more frames"
             raise UsageError(f"{path}, next frame", f"{frame.time:g}", expected)
-        if field.plan.keeping.is_fixed and not _is_same(frame, field):
+        if field.plan.keeping.is_fixed and not field.spool.has_same(frame):
             found = f"births or deaths ({len(frame.cloud)} splats)"
             raise StageError(
                 f"{path} at {frame.time:g}", found, f"the capture's {len(field.plan.rest)} splats"
@@ -204,13 +205,33 @@ class Bake:
             time=time, states=states, parameter_hash=self._provenance.param_hash, extras=extras
         )
         if self._is_start(time):
-            checkpoints.save(self._layers.kept, replace(where, parameter_hash=self._start_hash))
+            opinions = self._start_hashes[self._times.index(time)]
+            checkpoints.save(self._layers.kept, replace(where, parameter_hash=opinions))
         if not self.is_resumable(time):
             return
         checkpoints.save(self._layers.checkpoint, where)
         self._remember()
         for field in self._fields.values():
             field.spool.forget(self._epochs * self._parameters.clip_frames)
+
+    @property
+    def done(self) -> Sequence[float]:
+        """Frames that are written [time code]."""
+        return self._times[: self._frames]
+
+    def may_end_early(self, stage: Usd.Stage) -> None:
+        """Keep a checkpoint of each epoch of the simulated stage meanwhile, for `end_early`."""
+        for start in range(0, len(self._times), self._parameters.clip_frames):
+            self._start_hashes[start] = self._hash_until(stage, start)
+
+    def end_early(self, provenance: Provenance) -> None:
+        """End with the frames so far, unless there are none, or fewer than in a shorter bake."""
+        if self._frames and self._frames >= self._shown:
+            self._times, self._provenance = list(self.done), provenance
+            start = self._times[last_epoch(len(self._times), self._parameters.clip_frames)]
+            kept = self._layers.kept
+            self._is_early = kept.exists() and checkpoints.time_of(kept) == start
+            self.close()
 
     def close(self) -> Path:
         """Write the remaining samples, and the layer of results.
@@ -231,10 +252,12 @@ class Bake:
         self._write_epoch(range(first, len(self._times)), is_closed=False)
         is_clips = self._parameters.mode == "clips"
         record = self._provenance.record(completed=len(self._times), checkpoint="")
+        record |= {EARLY: True} if self._is_early else {}
         if is_clips:
-            self._layers.show_clips(self._spans(), record)
+            self._layers.show_clips(self._spans, record)
         else:
-            self._layers.show_merged(self._parts(), record)
+            spans = self._parameters.clip_frames, self._merged or 0, self._epochs
+            self._layers.show_merged(parts_of(self._layers, self._times, *spans), record)
         self._layers.end(keeps_clips=is_clips, keeps_checkpoint=self._keeps)
         self.is_complete = True
         return self._layers.target
@@ -320,25 +343,11 @@ class Bake:
         if is_earlier:
             self._layers.show_earlier(record, has_clips=has_clips)
         else:
-            self._layers.show_clips(self._spans(), record)
+            self._layers.show_clips(self._spans, record)
 
-    def _parts(self) -> list[Part]:
-        """Return the samples of each epoch."""
-        size, merged = self._parameters.clip_frames, self._merged or 0
-        firsts = [-math.inf, *(self._times[size * number] for number in range(1, merged + 1))]
-        earlier = [
-            Part(path=self._layers.merged, first=first, end=end)
-            for first, end in itertools.pairwise(firsts)
-        ]
-        later = [Part(path=self._layers.clip(number)) for number in range(merged, self._epochs)]
-        return earlier + later
-
+    @property
     def _spans(self) -> list[tuple[float, float]]:
-        """Return the first time of each clip, and of the one after it [time code]."""
-        size = self._parameters.clip_frames
-        starts = [number * size for number in range(self._epochs)]
-        times = [tokens.LONG_AGO, *self._times[1:], self._end]
-        return [(times[start], times[min(start + size, len(self._times))]) for start in starts]
+        return spans_of(self._times, self._end, self._parameters.clip_frames, self._epochs)
 
     @property
     def _end(self) -> float:
@@ -389,11 +398,3 @@ class Bake:
             field.spool.restore({k.removeprefix(prefix): v for k, v in kept.items()})
         self._remember()
         self.resumed = found
-
-
-def _is_same(frame: Frame, field: _Field) -> bool:
-    """Return whether a frame has the same splats as the one before, as many as the capture."""
-    before = field.spool.pending
-    if len(frame.cloud) != len(field.plan.rest):
-        return False
-    return before is None or match(ids_of(before.frame), ids_of(frame)) is None

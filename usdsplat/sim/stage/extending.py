@@ -16,6 +16,8 @@ from usdsplat.sim import checkpoint as checkpoints
 from usdsplat.sim.checkpoint import Checkpoint
 from usdsplat.sim.stage.provenance import Provenance
 
+EARLY = "endedEarly"
+"""Entry of the record of a bake that has fewer frames than were asked for, as it was stopped."""
 MERGED = "mergedEpochs"
 """Entry of the record of a bake that frames are being added to: epochs whose samples are in the
 file of the shorter bake."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +32,16 @@ from usdsplat.sim.stage.simulation import Simulation, baked_fields
 from usdsplat.sim.uses import Uses
 
 
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Ending:
+    """How a simulation that is stopped leaves its bake: whole, with the frames so far."""
+
+    errors: tuple[type[BaseException], ...]
+    """Errors that mean a stop; they are raised again."""
+    reading: AbstractContextManager[Any]
+    """Entered while the stage is read after the stop."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SimulateOptions:
     """Options of a simulation."""
@@ -48,6 +58,8 @@ class SimulateOptions:
     until: float | None = None
     """Frame from which the simulation stops after the next checkpoint [time code], so that it is
     resumed; None finishes the bake."""
+    ending: Ending | None = None
+    """What a stop by an error leaves; None is a bake to resume from its last checkpoint."""
 
 
 SIMULATE = SimulateOptions()
@@ -102,10 +114,10 @@ def simulate(
                 )  # fmt: skip
                 bake, provenance = _open_bake(
                     simulation, target, resume=options.existing == "resume",
-                    keeps=options.keeps_checkpoint,
+                    keeps=options.keeps_checkpoint, may_end=options.ending is not None,
                 )  # fmt: skip
                 findings.extend(simulation.findings)
-                report = _run(simulation, bake, provenance, clock, findings, options.until)
+                report = _run(simulation, bake, provenance, clock, findings, options)
         finally:
             if device is not options.device:
                 device.close()
@@ -115,7 +127,7 @@ def simulate(
 
 
 def _open_bake(
-    simulation: Simulation, target: Path, *, resume: bool, keeps: bool
+    simulation: Simulation, target: Path, *, resume: bool, keeps: bool, may_end: bool
 ) -> tuple[Bake, Provenance]:
     """Open the bake of a simulation, and find what it is made of."""
     parameters = _common(simulation)
@@ -131,6 +143,8 @@ def _open_bake(
             resume=resume,
             keeps_checkpoint=keeps,
         )
+        if may_end:
+            bake.may_end_early(simulation.stage)
     return bake, provenance
 
 
@@ -140,10 +154,11 @@ def _run(
     provenance: Provenance,
     clock: Clock,
     findings: Findings,
-    until: float | None,
+    options: SimulateOptions,
 ) -> Report:
     """Simulate the frames that a bake lacks, and write them."""
     spent: list[float] = []
+    until, ending = options.until, options.ending
     states = None if bake.resumed is None else dict(bake.resumed.states)
     left = list(bake.left)
     if until is not None and bake.resumed is not None and bake.resumed.time >= until:
@@ -157,21 +172,27 @@ def _run(
     if not left and not bake.is_complete:
         bake.is_stopped = True
     with bake, phase("simulating", total=len(left)) as simulating:
-        for number, frame in enumerate(left):
-            start = clock.now
-            if number or states is not None:
-                simulation.advance()
-            for path in simulation.recipes:
-                bake.write(path, simulation.frame(path))
-            clock.lap("writing")
-            if bake.is_checkpoint_due(frame):
-                bake.checkpoint(frame, simulation.checkpoint())
-                clock.lap("checkpoints")
-            spent.append(clock.now - start)
-            simulating.step(number + 1)
-            if until is not None and frame >= until and bake.is_resumable(frame):
-                bake.is_stopped = True
-                break
+        try:
+            for number, frame in enumerate(left):
+                start = clock.now
+                if number or states is not None:
+                    simulation.advance()
+                written = {path: simulation.frame(path) for path in simulation.recipes}
+                for path, state in written.items():  # of all fields or of none
+                    bake.write(path, state)
+                clock.lap("writing")
+                if bake.is_checkpoint_due(frame):
+                    bake.checkpoint(frame, simulation.checkpoint())
+                    clock.lap("checkpoints")
+                spent.append(clock.now - start)
+                simulating.step(number + 1)
+                if until is not None and frame >= until and bake.is_resumable(frame):
+                    bake.is_stopped = True
+                    break
+        except BaseException as error:
+            if ending is not None and isinstance(error, ending.errors) and bake.done:
+                bake.end_early(_shortened(provenance, simulation, bake.done, ending))
+            raise
     clock.lap("writing")
     for path, solver in simulation.solvers.items():
         if solver.trapped:
@@ -220,6 +241,17 @@ def _provenance(simulation: Simulation, parameters: Parameters) -> Provenance:
         threads=simulation.device.threads,
         features=tuple(sorted(_features(simulation))),
     )
+
+
+def _shortened(
+    provenance: Provenance, simulation: Simulation, frames: Sequence[float], ending: Ending
+) -> Provenance:
+    """Return what a bake of the first frames is made of."""
+    with ending.reading:
+        opinions = parameter_hash(simulation.captured, frames)
+        lines = parameter_lines(simulation.captured, frames)
+    span = frames[0], frames[-1]
+    return replace(provenance, param_hash=opinions, parameters=lines, frame_range=span)
 
 
 def _features(simulation: Simulation) -> Iterator[str]:

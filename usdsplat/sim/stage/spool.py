@@ -89,6 +89,13 @@ class Spool:
         """Number of frames received."""
         return 0 if self.pending is None else self.pending.index + 1
 
+    def has_same(self, frame: Frame) -> bool:
+        """Return whether a frame has the same splats as the one before, as many as the capture."""
+        if len(frame.cloud) != len(self._rest):
+            return False
+        before = self.pending
+        return before is None or match(ids_of(before.frame), ids_of(frame)) is None
+
     def take(self, frame: Frame, rate: float) -> None:
         """Receive a frame, and spool the one before.
 

@@ -1,0 +1,126 @@
+"""Tests that a movement ends the full picture in progress, and of what is drawn after it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.preview.documents import STATE, alone, animated, drawn_by
+from usdsplat.preview.camera import FreeCamera
+from usdsplat.preview.document import Document
+from usdsplat.preview.pacing import Quality
+from usdsplat.preview.session import Session
+from usdsplat.preview.values import Look, Picture, ViewState
+from usdsplat.render.frame_stats import Clock
+
+MOVING = replace(STATE, camera=FreeCamera(eye=(0, 0, 9)), is_moving=True)
+
+
+class Until:
+    """Wants a picture for a number of stages, and counts."""
+
+    def __init__(self, most: int) -> None:
+        self.most, self.asked = most, 0
+
+    def __call__(self) -> bool:
+        self.asked += 1
+        return self.asked <= self.most
+
+
+def stages_of(document: Document, state: ViewState) -> int:
+    """Number of stages of a full picture."""
+    count = Until(1000)
+    document.draw(state, count)
+    return count.asked
+
+
+@pytest.mark.parametrize("aov", ["color", "depth", "primId"])
+def test_a_picture_may_end_after_any_stage_and_the_next_one_is_whole(stage, events, aov):
+    """Oracle: counted: no stage follows the one after which it was not wanted. The next picture is
+    that of a document that was never interrupted; bit for bit."""
+    state = replace(STATE, look=Look(aov=aov))
+    whole = Document(animated(), publish=events.append)
+    count = stages_of(whole, state)
+    whole.close()
+    expected = events.pictures[-1].image
+    assert count > 4
+    events.clear()
+    document = Document(stage, publish=events.append)
+    for stages in range(count):
+        until = Until(stages)
+        assert not document.draw(state, until)
+        assert until.asked == stages + 1 and not events.pictures
+    drawn_by(document, state)
+    document.close()
+    np.testing.assert_array_equal(events.pictures[-1].image, expected)
+
+
+def test_a_picture_that_was_ended_after_another_one_leaves_that_as_it_was(document, events):
+    """Oracle: the arrays of the last picture before and after; a pick reads them."""
+    drawn_by(document, STATE)
+    before = {name: array.copy() for name, array in document.shown.sides[0].arrays.items()}
+    document.draw(replace(STATE, camera=FreeCamera(eye=(1, 2, 9))), Until(3))
+    assert len(events.pictures) == 1 and document.shown.picture is events.pictures[0]
+    for name, array in document.shown.sides[0].arrays.items():
+        np.testing.assert_array_equal(array, before[name])
+
+
+@pytest.fixture
+def session(events):
+    """A session that the test drives, with a document open."""
+    session = Session(lambda publish: Document(animated(), publish=publish), own_thread=False)
+    session.listen(events.append)
+    while session.turn():
+        pass
+    yield session
+    session.close()
+
+
+@pytest.fixture
+def at_a_stage(monkeypatch):
+    """Calls a function once, at the end of the next stage of a picture."""
+    waiting, lap = [], Clock.lap
+
+    def lapped(self, stage):
+        if waiting:
+            waiting.pop()()
+        lap(self, stage)
+
+    monkeypatch.setattr(Clock, "lap", lapped)
+    return waiting.append
+
+
+def test_a_movement_ends_the_full_picture_in_progress(session, events, at_a_stage, paced):
+    """Oracle: the pictures that came: the coarse one of the movement is the first."""
+    paced(Quality(scale=2.0))
+    session.look(STATE)
+    at_a_stage(lambda: session.look(MOVING))
+    while session.turn():
+        pass
+    assert [(each.state, each.scale) for each in events.pictures] == [(MOVING, 2.0)]
+    session.look(STATE)
+    while session.turn():
+        pass
+    np.testing.assert_array_equal(events.pictures[-1].image, alone(animated()))
+
+
+@pytest.mark.parametrize("before", [STATE, MOVING])
+def test_other_news_let_a_picture_be_finished(session, events, at_a_stage, before):
+    """Oracle: the pictures that came: a view at rest that changes, and a movement that goes on,
+    show what was begun, so that a steady stream of news does not stop all pictures."""
+    after = replace(before, size=(80, 48))
+    session.look(before)
+    at_a_stage(lambda: session.look(after))
+    while session.turn():
+        pass
+    assert [each.state for each in events.pictures if isinstance(each, Picture)] == [before, after]
+
+
+def test_closing_ends_the_picture_in_progress(session, events, at_a_stage):
+    """Oracle: nothing comes."""
+    session.look(STATE)
+    at_a_stage(session.close)
+    session.turn()
+    assert not events.pictures
