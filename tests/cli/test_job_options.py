@@ -4,7 +4,14 @@ from __future__ import annotations
 
 import pytest
 
-from usdsplat.cli.job_options import JobOptions, check_jobs, environments, resources_of, resumed
+from usdsplat.cli.job_options import (
+    FORM,
+    JobOptions,
+    check_jobs,
+    environments,
+    resources_of,
+    resumed,
+)
 from usdsplat.core.errors import UsageError
 from usdsplat.kernels import device
 from usdsplat.kernels.cuda import support
@@ -55,10 +62,12 @@ def test_names_of_resources():
     assert resources_of(None) == {}
 
 
-@pytest.mark.parametrize("text", ["A100", "=1", "A100=", "A100=0", "A100=inf", "A100=nan", "a=1,b"])
+@pytest.mark.parametrize(
+    "text", ["A100", "=1", "A100=", "A100=0", "A100=inf", "A100=nan", "a=1,b", "", "a=1 a=2"]
+)
 def test_bad_resources(text):
     """Oracle: the sentence."""
-    with pytest.raises(UsageError, match="expected NAME=N with a number above 0"):
+    with pytest.raises(UsageError, match=f"expected {FORM}"):
         check_jobs(JobOptions(dask="local", resources=text))
 
 

@@ -59,7 +59,7 @@ def test_a_need_that_no_worker_meets_is_an_error(resources):
 
 class Ended:
     """A future of Dask that has ended: with an error, or with a result that got lost with its
-    worker, whereupon the task was done again and ends with the error."""
+    worker, whereupon the task is done again."""
 
     key = "mine"
 
@@ -68,6 +68,9 @@ class Ended:
 
     def result(self, timeout):
         raise self._error
+
+    def exception(self):
+        return self._error
 
 
 @pytest.mark.parametrize("status", ["error", "finished"])
@@ -89,5 +92,11 @@ def test_each_kind_of_failure_is_one_sentence_with_its_machine(status):
     assert result(distributed.KilledWorker("other", last, 3)) is None
     other = result(ValueError("two\nlines"))
     assert (other.status, other.reason) == (2, "two lines")
-    with pytest.raises(TimeoutError):  # it is being done again
-        result(TimeoutError())
+    if status == "error":
+        assert result(TimeoutError("of a task")).reason == "of a task"
+        assert result(OSError("a stale file")).reason == "a stale file"
+    else:
+        with pytest.raises(TimeoutError):  # it is being done again
+            result(TimeoutError())
+        with pytest.raises(OSError, match="no scheduler"):
+            result(OSError("no scheduler"))

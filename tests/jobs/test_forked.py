@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
-pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork")
+pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="forks on Linux only")
 
 BEGIN = """
 import os, signal, subprocess, sys, time
@@ -48,7 +47,8 @@ def test_it_has_no_file_of_the_process_that_forked_it():
 def run():
     return len(sys.stdin.read())
 first = ForkedProcess(run, {})
-second = ForkedProcess(lambda: time.sleep(60) or 0, {})
+second = ForkedProcess(lambda: print("begun", flush=True) or time.sleep(60) or 0, {})
+second.stdout.readline()
 first.stdin.close()
 print(first.wait(30), os.getsid(second.pid) == second.pid, second.poll())
 second.kill()
@@ -71,3 +71,28 @@ except subprocess.TimeoutExpired:
     print("late")
 """)
     assert found == ["True 1", "late"]
+
+
+def test_a_signal_does_not_raise_in_it_before_it_begins():
+    """Oracle: the mask of signals of each: the new process has that of the old one."""
+    found = printed("""
+def run():
+    print(sorted(signal.pthread_sigmask(signal.SIG_BLOCK, ())), flush=True)
+    return 0
+signal.pthread_sigmask(signal.SIG_SETMASK, {signal.SIGHUP})
+made = ForkedProcess(run, {})
+print(made.stdout.read().strip(), made.wait(30))
+print(sorted(signal.pthread_sigmask(signal.SIG_BLOCK, ())))
+""")
+    assert found[0] == f"{found[1]} 0" and "SIGHUP" in found[1]
+
+
+def test_its_end_is_known_where_nobody_keeps_a_status():
+    """Oracle: `subprocess`, whose processes count as ended with 0 then."""
+    found = printed("""
+signal.signal(signal.SIGCHLD, signal.SIG_IGN)
+made = ForkedProcess(lambda: 3, {})
+made.stdout.read()
+print(made.wait(30))
+""")
+    assert found == ["0"]

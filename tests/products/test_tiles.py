@@ -107,21 +107,40 @@ def test_tiles_that_lack_or_are_others_are_refused(run, run_json, shot, tmp_path
     assert not (tmp_path / "a.exr").exists()
 
 
-@pytest.mark.parametrize("again", [(), ("1",)])
-def test_joining_again_keeps_the_picture(run_json, shot, tmp_path, again):
-    """Oracle: the bytes of the picture: a join that is repeated after its tiles are gone does
-    nothing, and takes away tiles that were drawn again: an engine that loses a worker repeats what
-    that worker did, not what others did. So does what a killed process left among them."""
+def test_a_join_may_be_repeated_where_it_keeps_the_tiles(run_json, shot, tmp_path):
+    """Oracle: the bytes of the picture. An engine that loses a worker repeats what it did."""
+    words = ("render", shot, "-o", tmp_path / "a.exr", "--frames", "1", *SIZE, "--tiles", "2x1")
+    for tile in ("1", "2"):
+        run_json(*words, "--tile", tile)
+    run_json(*words, "--tile", "join", "--keep-tiles")
+    before = content(tmp_path / "a.exr")
+    run_json(*words, "--tile", "1")
+    run_json(*words, "--tile", "join")
+    assert content(tmp_path / "a.exr") == before
+    assert not (tmp_path / "a.exr.tiles").exists()
+
+
+def test_a_join_that_lacks_a_tile_leaves_the_picture_and_the_other_tiles(
+    run, run_json, shot, tmp_path
+):
+    """Oracle: the bytes of the earlier picture, which may have been of other settings."""
     words = ("render", shot, "-o", tmp_path / "a.exr", "--frames", "1", *SIZE, "--tiles", "2x1")
     for tile in ("1", "2", "join"):
         run_json(*words, "--tile", tile)
     before = (tmp_path / "a.exr").read_bytes()
-    for tile in again:
-        run_json(*words, "--tile", tile)
-    if again:
-        left_folder(tmp_path / "a.exr.tiles", ended_process())
-    assert run_json(*words, "--tile", "join")["pictures"] == []
+    run_json(*words, "--tile", "1")
+    status, _, err = run(*words, "--tile", "join")
+    assert status == 2 and "0002-of-2x1.tile: found no file, expected a tile that was" in err
     assert (tmp_path / "a.exr").read_bytes() == before
+    assert len(list((tmp_path / "a.exr.tiles").iterdir())) == 1
+
+
+def test_what_a_killed_process_left_among_tiles_goes_with_them(run_json, shot, tmp_path):
+    """Oracle: the listing of the folder."""
+    words = ("render", shot, "-o", tmp_path / "a.exr", "--frames", "1", *SIZE, "--tiles", "1x1")
+    run_json(*words, "--tile", "1")
+    left_folder(tmp_path / "a.exr.tiles", ended_process())
+    run_json(*words, "--tile", "join")
     assert not (tmp_path / "a.exr.tiles").exists()
 
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from usdsplat.cli.supervise import begin_anew
+from usdsplat.cli import forking
+from usdsplat.cli.supervise import begin_anew, leave_command
 from usdsplat.jobs.forked import ForkedProcess
 
 
@@ -25,4 +26,9 @@ def dask_worker(environment: Mapping[str, str]) -> ForkedProcess:
     `cli.dask_worker`. Arguments and errors are those of `worker`."""
     from usdsplat.cli.dask_worker import serve
 
-    return ForkedProcess(serve, environment)
+    def begin() -> int:
+        leave_command()
+        forking.release()
+        return serve()
+
+    return ForkedProcess(begin, environment)

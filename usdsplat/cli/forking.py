@@ -14,8 +14,11 @@ import gc
 import importlib
 import os
 import sys
+import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+
+from usdsplat.cli.supervise import WATCHER
 
 LIBRARIES = ("pxr", "numba")
 """Packages that start threads which do not survive a fork."""
@@ -30,9 +33,12 @@ _before: int | None = None
 
 @contextmanager
 def held() -> Iterator[None]:
-    """Keep USD from starting threads in this context, until `release`, if it is not loaded yet."""
+    """Keep USD from starting threads in this context, until `release`, if it is not loaded yet, and
+    the process has no threads of a program that calls ours."""
     global _before
-    if sys.platform == "linux" and not any(name in sys.modules for name in LIBRARIES):
+    others = {each.name for each in threading.enumerate()} - {"MainThread", WATCHER}
+    is_loaded = any(name in sys.modules for name in LIBRARIES)
+    if sys.platform == "linux" and not is_loaded and not others:
         from pxr import Work
 
         Work.SetConcurrencyLimit(1)
@@ -65,8 +71,11 @@ def prepared(modules: Sequence[str]) -> bool:
     kept = os.environ.get(_BLAS)
     os.environ[_BLAS] = "1"  # SciPy's, which Numba loads and nothing uses
     try:
-        for name in modules:
-            importlib.import_module(name)
+        try:
+            for name in modules:
+                importlib.import_module(name)
+        except ImportError:  # of Dask, say; the caller explains it
+            return False
         from usdsplat.kernels.device import load_registries
 
         load_registries()

@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 AUTO = "auto"
 GPUS = "CUDA_VISIBLE_DEVICES"
 """Variable with the GPUs that a process may use."""
+FORM = "NAME=N,... with numbers above 0, each name once"
+"""Form of --resources."""
 COLD = 24
 """Frames of a task of a farm, where --chunk does not say: it opens its input anew."""
 TURNS = 8
@@ -96,13 +98,16 @@ def resources_of(text: str | None) -> dict[str, float]:
     """
     found: dict[str, float] = {}
     for part in (text or "").replace(",", " ").split():
-        name, is_there, amount = part.partition("=")
+        name, _, text_of_amount = part.partition("=")
         try:
-            found[name] = float(amount)
+            amount = float(text_of_amount)
         except ValueError:
-            is_there = ""
-        if not name or not is_there or not 0 < found[name] < math.inf:
-            raise UsageError("--resources", repr(part), "NAME=N with a number above 0")
+            amount = math.nan
+        if not name or name in found or not 0 < amount < math.inf:
+            raise UsageError("--resources", repr(part), FORM)
+        found[name] = amount
+    if text is not None and not found:
+        raise UsageError("--resources", repr(text), FORM)
     return found
 
 

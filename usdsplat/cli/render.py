@@ -159,7 +159,9 @@ def _draw_options(options: Options) -> DrawOptions:
     return DrawOptions(
         existing="resume" if options.resume else "replace",
         memory_limit=bytes_of(options.memory_limit),
-        tile=None if tiling is None else TileStep.parse(tiling, options.tile or "join"),
+        tile=None
+        if tiling is None
+        else TileStep.parse(tiling, options.tile or "join", keeps=options.keep_tiles),
         files=tuple(map(Path, capture_files(options.stage))),
         fitted=() if options.fit_frames is None else parse_frames(options.fit_frames),
     )

@@ -41,6 +41,7 @@ def as_task(options: Options, device: str, fitted: str, first: float) -> Options
         fit_frames=options.fit_frames or fitted or None,
         stage_name=options.stage_name or str(options.stage),
         plan_frame=first if options.plan_frame is None else options.plan_frame,
+        keep_tiles=options.tiles is not None,  # the job removes them when a picture is reported
         job=JobOptions(),
         reporting=of_task(options.reporting),
     )
@@ -74,13 +75,15 @@ def run_as_job(
     for printed in runner.run(_job(options, task, frames, chunk)):
         for picture in printed["pictures"]:
             if not picture["path"].endswith(TILE_SUFFIX):
+                if options.tiles is not None:
+                    remove_tiles(Path(picture["path"]))
                 report.append(picture)
                 if not options.json:
                     console.say_path(Path(picture["path"]))
     by_frame = [path for row in zip(*files, strict=True) for path in row]
     if options.tiles is not None:
         for path in by_frame:
-            remove_tiles(path)  # those that were drawn again after their picture was joined
+            remove_tiles(path)  # those that were drawn again for a worker that died
     order = {str(path): i for i, path in enumerate(by_frame)}
     report.sort(key=lambda picture: order[picture["path"]])
     say_end(options, report, files, reporter)
@@ -130,6 +133,7 @@ def _write_bundle(
         color=replace(options.color, ocio_config=config),
         stage=Path(source.word()),
         output=output,
+        keep_tiles=False,
         json=False,
         resume=True,
         reporting=bundles.on_a_farm(options.reporting),

@@ -128,6 +128,8 @@ class Options:
     """divide each picture into tiles, which are tasks of their own"""
     tile: Annotated[str | None, option("N|join")] = None
     """draw only this tile of --tiles, from 1, into a folder beside the picture; or join all"""
+    keep_tiles: Annotated[bool, option()] = False
+    """with --tile join: leave the tiles, for a join that may have to be repeated"""
     fit_frames: Annotated[str | None, option("RANGE")] = None
     """frames that the camera of a stage without one shows; default: the first, the middle and the
     last one of --frames"""

@@ -159,6 +159,18 @@ def reported(
     return 1 if status == 0 and findings.is_strict and findings.is_failure else status
 
 
+_collecting: list[list[Any]] = []
+"""Lists with the delegate of each `library_messages`, the only reference to it."""
+
+
+def leave_messages() -> None:
+    """End what `library_messages` collects, in a process that was forked in its context and does
+    not leave it."""
+    for told in _collecting:
+        told.clear()
+    _collecting.clear()
+
+
 @contextmanager
 def library_messages(reporter: Reporter) -> Iterator[None]:
     """Collect messages of USD and warnings of Python libraries as findings, instead of printing.
@@ -169,13 +181,15 @@ def library_messages(reporter: Reporter) -> Iterator[None]:
     from pxr import UsdUtils
 
     findings = reporter.findings
-    told = UsdUtils.CoalescingDiagnosticDelegate()
+    told = [UsdUtils.CoalescingDiagnosticDelegate()]
+    _collecting.append(told)
     with warnings.catch_warnings(record=True) as warned:
         try:
             yield
         finally:
             known = _Known(reporter.everything())
-            for each in told.TakeUncoalescedDiagnostics():
+            _collecting.remove(told)
+            for each in told.pop().TakeUncoalescedDiagnostics():
                 text = _CONTEXT.sub("", " ".join(str(each.commentary).split()))
                 if text not in known:
                     findings.add(finding("usd-message", "USD", text, "no message"))

@@ -27,6 +27,8 @@ from usdsplat.cli.streams import open_streams
 from usdsplat.core import interrupt
 
 VARIABLE = "USDSPLAT_SUPERVISE"
+WATCHER = "usdsplat parent"
+"""Name of the thread that waits for the death of the parent process."""
 GRACE = 1.5
 """Time for the command to end by itself after a signal [s]."""
 IMPATIENCE = 0.5
@@ -54,13 +56,21 @@ def entry() -> int:
 def begin_anew(arguments: Sequence[str]) -> int:
     """Run a command line in a process that was forked from one with another command, and return
     its exit status."""
+    leave_command()
+    sys.argv[1:] = arguments
+    return entry()
+
+
+def leave_command() -> None:
+    """Drop what belongs to the command from which this process was forked: its connection to the
+    process that watches it, and its record of messages."""
+    from usdsplat.cli import reporting
     from usdsplat.core import output
 
     interrupt.forget()
     interrupt.pass_advice_to(lambda advice: None)
     output.announce = None
-    sys.argv[1:] = arguments
-    return entry()
+    reporting.leave_messages()
 
 
 def _asks_for_help(arguments: Sequence[str]) -> bool:
@@ -187,7 +197,7 @@ class Child:
         self._lock = threading.Lock()
         output.announce = self._announce
         interrupt.pass_advice_to(lambda advice: self._send(_ADVICE + os.fsencode(advice)))
-        threading.Thread(target=self._watch, name="usdsplat parent", daemon=True).start()
+        threading.Thread(target=self._watch, name=WATCHER, daemon=True).start()
 
     def done(self, status: int) -> None:
         """Report the exit status: all that follows is the end of the interpreter."""

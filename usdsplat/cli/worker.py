@@ -55,8 +55,9 @@ def run(options: Options, reporter: Reporter) -> int:
     from usdsplat.products.keeper import EngineKeeper
 
     forking.release()
-    for name in forking.DRAWING:  # before the first task comes: whoever sends it may still plan
-        importlib.import_module(name)
+    if "numba" not in sys.modules:  # a forked worker has what its tasks need
+        for name in forking.DRAWING:  # now: whoever sends the first task may still plan
+            importlib.import_module(name)
 
     lines: queue.Queue[str | None] = queue.Queue()
     of_job = bool(os.environ.get(MARKED))

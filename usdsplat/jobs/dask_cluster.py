@@ -281,23 +281,31 @@ def _result(future: Any, task: Task) -> TaskResult | None:
 
     Raises:
         TimeoutError: If the result is lost, and the task runs again.
+        OSError: If the scheduler ended.
     """
-    from distributed import KilledWorker
-
     if future.status == "cancelled":
         return TaskResult(status=2, err=future.status, host="the cluster")
     try:
         return TaskResult(**future.result(timeout=ROUND))
-    except TaskFailed as error:
+    except OSError:
+        if future.status != "error":  # of the connection, not of the task
+            raise
+    except Exception as error:
+        return _failure(error, future.key, task)
+    return _failure(future.exception(), future.key, task)
+
+
+def _failure(error: BaseException, key: str, task: Task) -> TaskResult | None:
+    """Return the result of a task that ended with an error; None if it is one of a task before."""
+    from distributed import KilledWorker
+
+    if isinstance(error, TaskFailed):
         if tuple(error.words) != task.words:
-            return None  # the error of a task before it
+            return None
         return TaskResult(status=error.status, err=error.reason, host=error.host)
-    except KilledWorker as error:
-        if error.task != future.key:
+    if isinstance(error, KilledWorker):
+        if error.task != key:
             return None
         reason = f"found {error.allowed_failures + 1} workers that died, expected one that does not"
         return TaskResult(status=2, err=f"worker: {reason}", host=error.last_worker.address)
-    except OSError:
-        raise  # of the connection; TimeoutError is one too
-    except Exception as error:
-        return TaskResult(status=2, err=" ".join(str(error).split()), host="the cluster")
+    return TaskResult(status=2, err=" ".join(str(error).split()), host="the cluster")

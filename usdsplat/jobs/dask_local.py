@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import subprocess
+import time
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack, suppress
 from typing import Any, Self
@@ -83,14 +84,17 @@ class LocalCluster:
 
     def _end(self) -> None:
         """Wait for the end of the forked workers, to which the scheduler has said that it ends."""
+        deadline = time.monotonic() + GRACE
         for each in self._forked:
             with suppress(subprocess.TimeoutExpired):
-                each.wait(GRACE)
+                each.wait(max(0.0, deadline - time.monotonic()))
+        for each in self._forked:  # those that are at a task end by this
             with suppress(OSError):
                 each.stdin.close()
+        deadline = time.monotonic() + PATIENCE
         for each in self._forked:
             try:
-                each.wait(PATIENCE)
+                each.wait(max(0.0, deadline - time.monotonic()))
             except subprocess.TimeoutExpired:
                 each.kill()
                 each.wait()

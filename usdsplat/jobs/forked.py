@@ -10,9 +10,11 @@ import sys
 import threading
 import time
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from typing import NoReturn
+
+from usdsplat.core import interrupt
 
 _BEAT = 0.01
 """Time between looks at a process whose end is waited for [s]."""
@@ -34,16 +36,20 @@ class ForkedProcess:
         for stream in (sys.stdout, sys.stderr):
             with suppress(OSError, ValueError):
                 stream.flush()  # what waits in their buffers would be written twice
+        # a signal must not raise in the new process, which would go on as this one
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, interrupt.SIGNALS)
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", DeprecationWarning)  # of threads that only wait
                 self.pid = os.fork()
+            if self.pid == 0:
+                _become(run, environment, given[0], told[1], before)
         except OSError:
             for fd in (*given, *told):
                 os.close(fd)
             raise
-        if self.pid == 0:
-            _become(run, environment, given[0], told[1])
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
         os.close(given[0])
         os.close(told[1])
         self.stdin = os.fdopen(given[1], "w", encoding="utf-8", errors="surrogateescape")
@@ -55,7 +61,10 @@ class ForkedProcess:
         """Return the exit status, negative for a signal; None if the process runs."""
         with self._lock:
             if self._status is None:
-                pid, status = os.waitpid(self.pid, os.WNOHANG)
+                try:
+                    pid, status = os.waitpid(self.pid, os.WNOHANG)
+                except ChildProcessError:  # the caller ignores SIGCHLD: no status is kept
+                    pid, status = self.pid, 0
                 if pid:
                     self._status = os.waitstatus_to_exitcode(status)
             return self._status
@@ -84,20 +93,30 @@ class ForkedProcess:
 
 
 def _become(
-    run: Callable[[], int], environment: Mapping[str, str], stdin: int, stdout: int
+    run: Callable[[], int],
+    environment: Mapping[str, str],
+    stdin: int,
+    stdout: int,
+    signals: Iterable[int],
 ) -> NoReturn:
-    """Be the new process. Nothing of the old one is left but its memory."""
+    """Be the new process, which blocks `signals`. Nothing of the old one is left but its memory."""
     status = 1
     try:
         faulthandler.disable()  # its file is closed
         os.setsid()  # Ctrl-C reaches the old process only, which ends this one
+        signal.pthread_sigmask(signal.SIG_SETMASK, signals)
         for fd, number in ((stdin, 0), (stdout, 1), (stdout, 2)):
             os.dup2(fd, number)
-        os.closerange(3, os.sysconf("SC_OPEN_MAX"))
+        for fd in map(int, os.listdir("/proc/self/fd")):
+            with suppress(OSError):  # the listing's own is closed
+                if fd > 2:
+                    os.close(fd)
         os.environ.update(environment)
         sys.stdin = os.fdopen(0, encoding="utf-8", closefd=False)
         sys.stdout = os.fdopen(1, "w", encoding="utf-8", closefd=False)
-        sys.stderr = os.fdopen(2, "w", encoding="utf-8", closefd=False)
+        sys.stderr = os.fdopen(
+            2, "w", buffering=1, encoding="utf-8", errors="backslashreplace", closefd=False
+        )
         status = run()
     except BaseException:
         sys.excepthook(*sys.exc_info())

@@ -37,7 +37,7 @@ _LINES = 20
 """Lines of a worker that died which are kept."""
 _Process = subprocess.Popen[str] | ForkedProcess
 Fork = Callable[[Mapping[str, str]], ForkedProcess]
-"""Forks `usdsplat worker` with these variables, in addition to those of this process."""
+"""Forks a worker with these variables, in addition to those of this process."""
 
 
 class LocalWorkers:

@@ -199,15 +199,6 @@ def files_of(plans: Sequence[PicturePlan], frames: Sequence[float]) -> list[tupl
     return names
 
 
-def _is_joined(engine: Engine, step: TileStep | None, whole: PicturePlan, job: _Job) -> bool:
-    """Return whether a join was done before and is repeated: the picture is whole, and tiles are
-    gone."""
-    _, frame, path = job
-    if step is None or not step.joins or not path.exists() or step.has_tiles(path):
-        return False
-    return not difference(whole, frame, path, stage_hash=stage_hash(engine))
-
-
 def _undrawn(
     engine: Engine,
     plans: dict[PicturePlan, PicturePlan],
@@ -226,20 +217,14 @@ def _undrawn(
         for i, frame in enumerate(frames)
         for plan, group in zip(plans, names, strict=True)
     ]
-    left: list[_Job] = []
     if options.existing == "replace":
-        for job in jobs:
-            if _is_joined(engine, options.tile, plans[job[0]], job):
-                remove_tiles(job[2])  # those that an engine of jobs drew again
-            else:
-                left.append(job)
-        return left
+        return jobs
     if options.existing == "error":
         there = next((path for _, _, path in jobs if path.exists()), None)
         if there is not None:
             raise OutputError(str(there), "a file", "a new name")
         return jobs
-    current = stage_hash(engine)
+    left, current = [], stage_hash(engine)
     for plan, frame, path in jobs:
         is_there = path.exists()
         found = difference(plans[plan], frame, path, stage_hash=current) if is_there else ""

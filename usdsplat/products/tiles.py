@@ -106,16 +106,18 @@ class TileStep:
     tiling: Tiling
     number: int
     """Tile to draw, from 1; 0 to join all."""
+    keeps: bool = False
+    """Whether tiles are left after they were joined."""
 
     @classmethod
-    def parse(cls, tiling: Tiling, text: str) -> TileStep:
+    def parse(cls, tiling: Tiling, text: str, *, keeps: bool = False) -> TileStep:
         """Return the value of `--tile`, a number or "join".
 
         Raises:
             UsageError: If it is anything else.
         """
         if text == "join":
-            return cls(tiling, 0)
+            return cls(tiling, 0, keeps)
         if not re.fullmatch(r"\d{1,4}", text) or not 1 <= int(text) <= len(tiling):
             raise UsageError("--tile", repr(text), f"1 to {len(tiling)}, or join")
         return cls(tiling, int(text))
@@ -137,10 +139,6 @@ class TileStep:
         """Return the file of a tile of a picture; of this step's tile by default."""
         number = self.number if number is None else number
         return picture.with_name(f"{picture.name}.tiles") / f"{number:04d}-of-{self.tiling}.tile"
-
-    def has_tiles(self, picture: Path) -> bool:
-        """Return whether all tiles of a picture exist."""
-        return all(self.path(picture, n + 1).is_file() for n in range(len(self.tiling)))
 
     def write(
         self,
@@ -170,6 +168,8 @@ class TileStep:
             return report, engine.stats
         joined = JoinedTiles(self, picture, file.plan.framing.window, stamped)
         report = joined.write(file, rows_written=rows_written)
+        if not self.keeps:
+            remove_tiles(picture)
         return report, joined.stats
 
 
@@ -310,7 +310,7 @@ class JoinedTiles:
                 self._report(DeepReport(**meta["deep"]))
 
     def write(self, file: PictureFile, *, rows_written: RowsWritten) -> DeepReport | None:
-        """Write the picture, then remove the tiles. Return a report for a deep picture.
+        """Write the picture. Return a report for a deep picture.
 
         Raises:
             OutputError: If the file cannot be written.
@@ -319,7 +319,6 @@ class JoinedTiles:
             write_deep(file, self._deep_bands(), self.report, rows_written=rows_written)
         else:
             write_flat(file, self._flat_bands(), rows_written=rows_written)
-        remove_tiles(file.path)
         return self.report if file.plan.deep else None
 
     # --- private ---------------------------------------------------------------------------
