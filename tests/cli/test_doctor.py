@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import importlib.metadata
+import json
 import os
+import subprocess
+import sys
 
 import usdsplat
 from usdsplat.cli import doctor
@@ -54,6 +57,30 @@ def test_a_missing_package_is_named_with_what_it_is_for(run, monkeypatch):
         "  PySide6-Essentials     not installed; needed for the window of 'view'",
         "    -> pip install 'usdsplat[view]'",
     ]
+
+
+def test_it_says_what_lacks_also_where_it_cannot_know_the_rest():
+    """Oracle: by hand: a Python without Numba, and with a USD that no installer knows."""
+    code = """
+import importlib.metadata, sys
+known = importlib.metadata.version
+def version(name):
+    if name in ("numba", "usd-core"):
+        raise importlib.metadata.PackageNotFoundError(name)
+    return known(name)
+importlib.metadata.version = version
+sys.modules["numba"] = None
+from usdsplat.cli.main import main
+sys.exit(main(["doctor", "--json"]))
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=100)
+    assert (done.returncode, done.stderr) == (1, "")
+    told = json.loads(done.stdout)
+    packages = {line["name"]: line for line in told["packages"]}
+    assert packages["numba"]["cure"] == "pip install numba"
+    assert packages["usd-core"]["found"] == "none, but the pxr of another USD is there"
+    assert told["devices"][-1]["found"] == "cannot be known without numba"
+    assert told["environment"] is not None and told["USD plug-ins"]
 
 
 def test_a_cache_that_cannot_be_written_is_named(run_json, tmp_path, monkeypatch):

@@ -14,6 +14,7 @@ notes:
 from __future__ import annotations
 
 import importlib.metadata
+import importlib.util
 import os
 import platform
 import re
@@ -73,14 +74,14 @@ class Line:
 def run(options: Options, reporter: Reporter) -> int:
     """Print what was found, by section."""
     sections = {
-        "usdsplat": [*_itself()],
-        "packages": [*_packages()],
-        "devices": [*_devices()],
-        "kernels": [*_kernels()],
-        "USD plug-ins": [*_plugins()],
-        "window": [*_window()],
-        "programs": [*_programs()],
-        "environment": [*_environment()],
+        "usdsplat": _known(_itself()),
+        "packages": _known(_packages()),
+        "devices": _known(_devices()),
+        "kernels": _known(_kernels()),
+        "USD plug-ins": _known(_plugins()),
+        "window": _known(_window()),
+        "programs": _known(_programs()),
+        "environment": _known(_environment()),
     }
     if options.json:
         reporter.print_json({name: [*map(asdict, lines)] for name, lines in sections.items()})
@@ -88,6 +89,17 @@ def run(options: Options, reporter: Reporter) -> int:
         for name, lines in sections.items():
             console.say("\n".join([name, *map(_text, lines)]))
     return int(any(line.is_needed for lines in sections.values() for line in lines))
+
+
+def _known(lines: Iterator[Line]) -> list[Line]:
+    """Return the lines of a section, as far as they can be known without packages that lack."""
+    found: list[Line] = []
+    try:
+        for line in lines:
+            found.append(line)
+    except ImportError as error:
+        found.append(Line(name="the rest", found=f"cannot be known without {error.name}"))
+    return found
 
 
 def _text(line: Line) -> str:
@@ -125,6 +137,8 @@ def _package(name: str, extra: str) -> Line:
     try:
         return Line(name=name, found=importlib.metadata.version(name))
     except importlib.metadata.PackageNotFoundError:
+        if name == "usd-core" and importlib.util.find_spec("pxr") is not None:
+            return Line(name=name, found="none, but the pxr of another USD is there")
         if not extra:
             return Line(name=name, found="missing", cure=f"pip install {name}", is_needed=True)
         found = f"not installed; needed for {NEEDS[extra]}"
