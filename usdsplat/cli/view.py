@@ -18,7 +18,8 @@ notes:
   The window needs Qt: pip install usdsplat[view]. The page needs only a browser.
   No file is changed. Edits go to the session layer, which can be saved as a separate layer.
   Anyone with the address of the page can use all its functions. The address contains a key that is
-  new each time, and the server listens on this machine only unless --allow-remote is given.
+  new each time. The server listens on this machine only; --host with --allow-remote opens it to
+  others, without encryption.
 """
 
 from __future__ import annotations

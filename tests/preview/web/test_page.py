@@ -15,6 +15,7 @@ from usdsplat.preview.camera import FreeCamera
 from usdsplat.preview.document import Document
 from usdsplat.preview.picking import pick
 from usdsplat.preview.values import Picture
+from usdsplat.preview.web import server
 
 MIDDLE = (340, 300)
 """Of the viewport, in the browser's window [CSS pixel]."""
@@ -275,6 +276,22 @@ def test_another_page_watches_takes_control_and_gives_it_back(seat: Seat) -> Non
     second.close()
     first.locator("#seats").wait_for(state="hidden")
     assert not first.locator("#timeline").evaluate("each => each.inert")
+
+
+def test_a_page_too_many_says_so_until_another_one_is_closed(
+    seat: Seat, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Oracle: the sentence; then the page that is let in watches."""
+    monkeypatch.setattr(server, "MOST_PAGES", 2)
+    second = seat.sit()
+    second.get_by_text("You watch as viewer").wait_for()
+    third = seat.sit()
+    third.get_by_text("As many pages as can watch are open.").wait_for()
+    second.close()
+    third.get_by_text("You watch as viewer").wait_for()
+    assert third.locator("#connection").is_hidden()
+    third.close()
+    seat.page.locator("#seats").wait_for(state="hidden")
 
 
 _WATCHED = """() => {

@@ -1,6 +1,7 @@
 // The socket: JSON both ways, frames as binary, and reconnection when it breaks.
 
 const PATIENCE = [250, 500, 1000, 2000, 4000]; // ms until the next attempt; the last one repeats
+const FULL = 1013; // the code with which the server closes the connection of one page too many
 
 /** A name by which the server recognises this page; it lasts as long as the tab. */
 function pageName() {
@@ -13,7 +14,8 @@ export class Connection {
    * @param {{open: () => object, message: (type: string, content: any) => void,
    *          frame: (header: object, image: Blob) => Promise<void>,
    *          file: (name: string, content: Blob) => void,
-   *          state: (isOpen: boolean) => void}} listener `open` gives the size to say hello with.
+   *          state: (isOpen: boolean, isFull?: boolean) => void}} listener `open` gives the size to say
+   *          hello with.
    */
   constructor(listener) {
     this.listener = listener;
@@ -40,14 +42,18 @@ export class Connection {
     const socket = new WebSocket(url);
     this.socket = socket;
     socket.binaryType = "arraybuffer";
-    socket.onopen = () => {
-      this.tries = 0;
-      this.send("hello", { page: this.page, ...this.listener.open() });
-      this.listener.state(true);
+    let isWelcome = false; // where too many pages are open, the connection is closed at once
+    socket.onopen = () => this.send("hello", { page: this.page, ...this.listener.open() });
+    socket.onmessage = (event) => {
+      if (!isWelcome) {
+        isWelcome = true;
+        this.tries = 0;
+        this.listener.state(true);
+      }
+      this.receive(event.data, socket);
     };
-    socket.onmessage = (event) => this.receive(event.data, socket);
-    socket.onclose = () => {
-      this.listener.state(false);
+    socket.onclose = (event) => {
+      this.listener.state(false, event.code === FULL);
       setTimeout(() => this.connect(), PATIENCE[Math.min(this.tries++, PATIENCE.length - 1)]);
     };
   }

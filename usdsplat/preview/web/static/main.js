@@ -118,9 +118,11 @@ const connection = new Connection({
     link.click();
     setTimeout(() => URL.revokeObjectURL(link.href), 60000);
   },
-  state(isOpen) {
+  state(isOpen, isFull = false) {
     at("connection").hidden = isOpen;
-    at("connection").textContent = "Connection lost. Trying again…";
+    at("connection").textContent = isFull
+      ? "As many pages as can watch are open. Trying until one is closed…"
+      : "Connection lost. Trying again…";
     document.body.dataset.connected = isOpen;
     probe.forget();
     prims.forget();
