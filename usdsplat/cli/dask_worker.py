@@ -31,7 +31,7 @@ def serve() -> int:
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
     dask.config.set(SETTINGS)
     address = sys.stdin.readline().strip()
-    threading.Thread(target=_watch, name="usdsplat parent", daemon=True).start()
+    threading.Thread(target=_watch, name=interrupt.WATCHER, daemon=True).start()
     asyncio.run(_served(address))
     return 0
 

@@ -18,7 +18,7 @@ import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
-from usdsplat.cli.supervise import WATCHER
+from usdsplat.core.interrupt import WATCHER
 
 LIBRARIES = ("pxr", "numba")
 """Packages that start threads which do not survive a fork."""

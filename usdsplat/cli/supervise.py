@@ -27,8 +27,6 @@ from usdsplat.cli.streams import open_streams
 from usdsplat.core import interrupt
 
 VARIABLE = "USDSPLAT_SUPERVISE"
-WATCHER = "usdsplat parent"
-"""Name of the thread that waits for the death of the parent process."""
 GRACE = 1.5
 """Time for the command to end by itself after a signal [s]."""
 IMPATIENCE = 0.5
@@ -197,7 +195,7 @@ class Child:
         self._lock = threading.Lock()
         output.announce = self._announce
         interrupt.pass_advice_to(lambda advice: self._send(_ADVICE + os.fsencode(advice)))
-        threading.Thread(target=self._watch, name=WATCHER, daemon=True).start()
+        threading.Thread(target=self._watch, name=interrupt.WATCHER, daemon=True).start()
 
     def done(self, status: int) -> None:
         """Report the exit status: all that follows is the end of the interpreter."""

@@ -17,6 +17,8 @@ SIGNALS = tuple(
     getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
 )
 """The signals that ask a process to end."""
+WATCHER = "usdsplat parent"
+"""Name of the thread that waits for the death of the parent process, which ends this one."""
 
 _PAUSE = 0.01  # s
 
