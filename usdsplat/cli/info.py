@@ -14,7 +14,7 @@ examples:
       a streamed SOG: levels of detail with splats and errors, and files
   usdsplat info scan.sog --plot report.html
       the same with pictures from three sides and histograms; .png works too;
-      needs matplotlib: pip install usdsplat[plots]
+      needs matplotlib, the extra [plots]
 """
 
 from __future__ import annotations

@@ -10,9 +10,9 @@ examples:
 
 notes:
   The first folder registers usdsplat's schemas in every USD application that starts with the
-  variable. It contains no code. The second adds the menu "usdsplat" to usdview. For the menu,
-  usdsplat with its extra [view] must be installed in usdview's Python, and usdview must be built
-  with PySide6. The third, of --validators, is only for applications in whose Python usdsplat is
+  variable. It contains no code. The second adds the menu "usdsplat" to usdview, which must be built
+  with PySide6, and whose Python must have usdsplat, but no second USD: docs/view.md, "In usdview",
+  says how. The third, of --validators, is only for applications in whose Python usdsplat is
   installed: elsewhere, USD fails to load its validators.
 """
 

@@ -15,7 +15,7 @@ examples:
       over SSH: ssh -L 8008:127.0.0.1:8008 HOST, then open the printed address
 
 notes:
-  The window needs Qt: pip install usdsplat[view]. The page needs only a browser.
+  The window needs Qt, the extra [view]. The page needs only a browser.
   No file is changed. Edits go to the session layer, which can be saved as a separate layer.
   Anyone with the address of the page can use all its functions. The address contains a key that is
   new each time. The server listens on this machine only; --host with --allow-remote opens it to
