@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import select
 import signal
 import subprocess
 import sys
@@ -11,7 +12,17 @@ from pathlib import Path
 import pytest
 
 from tests.cli.conftest import ball
-from tests.cli.test_job_failures import FLAGS, alone, begun, ended, gate, pictures, until, waits
+from tests.cli.test_job_failures import (
+    FLAGS,
+    LONG,
+    alone,
+    begun,
+    ended,
+    gate,
+    pictures,
+    until,
+    waits,
+)
 from tests.jobs.test_local import children
 from usdsplat import formats
 
@@ -141,6 +152,7 @@ def test_files_that_a_command_inherits_do_not_matter(shot, tmp_path, command, ho
         with begun(*line, *more, pass_fds=(write,)) as client:
             assert ended(client)[0] == 0
     os.close(write)
+    assert select.select([read], [], [], LONG)[0]
     assert os.read(read, 100) == b""
     os.close(read)
     found = [

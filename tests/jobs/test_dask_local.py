@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 import warnings
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -18,9 +19,11 @@ def listening(pids):
     """The addresses on which processes listen, as /proc has them: hexadecimal, least byte first."""
     sockets = set()
     for pid in pids:
-        for each in Path(f"/proc/{pid}/fd").iterdir():
-            target = os.readlink(each) if each.is_symlink() else ""
-            sockets |= {target[8:-1]} if target.startswith("socket:[") else set()
+        with suppress(OSError):  # the process has ended
+            for each in list(Path(f"/proc/{pid}/fd").iterdir()):
+                with suppress(OSError):  # the file is closed
+                    target = os.readlink(each)
+                    sockets |= {target[8:-1]} if target.startswith("socket:[") else set()
     found = set()
     for name in ("tcp", "tcp6"):
         for line in Path(f"/proc/self/net/{name}").read_text().splitlines()[1:]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import OpenImageIO as oiio
 import pytest
@@ -144,6 +146,25 @@ def test_what_a_killed_process_left_among_tiles_goes_with_them(run_json, shot, t
     assert not (tmp_path / "a.exr.tiles").exists()
 
 
+def test_tiles_that_may_not_be_removed_stay(run_json, shot, tmp_path, monkeypatch):
+    """Oracle: the bytes of the picture; a farm's workers may be another user."""
+    words = ("render", shot, "-o", tmp_path / "a.exr", "--frames", "1", *SIZE, "--tiles", "1x1")
+    run_json(*words, "--tile", "1")
+    run_json(*words, "--tile", "join", "--keep-tiles")
+    before = content(tmp_path / "a.exr")
+    unlink = Path.unlink
+
+    def refused(path, **options):
+        if path.suffix == ".tile":
+            raise PermissionError(13, "not yours", str(path))
+        unlink(path, **options)
+
+    monkeypatch.setattr(Path, "unlink", refused)
+    run_json(*words, "--tile", "join")
+    assert content(tmp_path / "a.exr") == before
+    assert len(list((tmp_path / "a.exr.tiles").iterdir())) == 1
+
+
 def test_tiles_of_other_captures_and_cameras_are_others(run, run_json, capture, tmp_path):
     """Oracle: the sentence: a tile depends on the splats, and on the frames that a camera fits."""
     words = ("render", capture, "-o", tmp_path / "a.exr", "--frames", "1", *SIZE, "--tiles", "2x1")
@@ -161,6 +182,7 @@ def test_tiles_of_other_captures_and_cameras_are_others(run, run_json, capture, 
         (("--tiles", "2x2", "--tile", "5"), "--tile: found '5', expected 1 to 4, or join"),
         (("--tiles", "2x2"), "--tiles: found 2x2, expected --tile, or --jobs, --dask or --openjd"),
         (("--tile", "1"), "--tile: found 1, expected --tiles too"),
+        (("--keep-tiles",), "--keep-tiles: found it without --tile, expected --tile join"),
         (("--tiles", "62x1", "--tile", "1"), "found 62x1 tiles of 61x43 pixels"),
     ],
 )

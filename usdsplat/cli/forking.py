@@ -27,6 +27,7 @@ DRAWING = (
 )  # fmt: skip
 """Modules that tasks which draw pictures need."""
 _BLAS = "OPENBLAS_NUM_THREADS"
+_THREADS = "/proc/self/task"
 _before: int | None = None
 """Number of threads when USD was held; None if it is not."""
 
@@ -38,7 +39,8 @@ def held() -> Iterator[None]:
     global _before
     others = {each.name for each in threading.enumerate()} - {"MainThread", WATCHER}
     is_loaded = any(name in sys.modules for name in LIBRARIES)
-    if sys.platform == "linux" and not is_loaded and not others:
+    is_countable = os.path.isdir(_THREADS)
+    if sys.platform == "linux" and is_countable and not is_loaded and not others:
         from pxr import Work
 
         Work.SetConcurrencyLimit(1)
@@ -90,4 +92,4 @@ def prepared(modules: Sequence[str]) -> bool:
 
 def _threads() -> int:
     """Return the number of threads of this process."""
-    return len(os.listdir("/proc/self/task"))
+    return len(os.listdir(_THREADS))

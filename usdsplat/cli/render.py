@@ -153,6 +153,8 @@ def _draw_options(options: Options) -> DrawOptions:
         raise UsageError("--tile", options.tile, "--tiles too")
     if options.tiles is not None and options.tile is None and not options.job.is_asked:
         raise UsageError("--tiles", options.tiles, "--tile, or --jobs, --dask or --openjd")
+    if options.keep_tiles and options.tile is None:
+        raise UsageError("--keep-tiles", "it without --tile", "--tile join")
     if options.tile is not None and options.job.is_asked:
         raise UsageError("--tile", options.tile, "no --jobs, --dask or --openjd")
     tiling = None if options.tiles is None else Tiling.parse(options.tiles)

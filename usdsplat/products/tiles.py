@@ -201,12 +201,16 @@ def is_drawn(path: Path, stamped: str, device: str) -> bool:
 
 
 def remove_tiles(picture: Path) -> None:
-    """Remove all tiles of a picture, whatever their tiling; it is complete."""
+    """Remove all tiles of a picture, whatever their tiling; it is complete.
+
+    What cannot be removed stays: a farm's workers may be another user than who asked for the job.
+    """
     folder = TileStep(Tiling(1, 1), 0).path(picture).parent
-    for path in folder.glob("*.tile"):
-        path.unlink(missing_ok=True)
-    remove_stale(folder)
-    with suppress(OSError):  # there is none, or other files are in it
+    with suppress(OSError):  # there is none, or another process removes it
+        for path in list(folder.glob("*.tile")):
+            with suppress(OSError):
+                path.unlink()
+        remove_stale(folder)
         folder.rmdir()
 
 
