@@ -34,8 +34,10 @@ def test_the_orders_of_a_view_at_rest_and_of_its_movements_are_kept():
     device, most = open_device("cpu"), random_cloud(1, n=2 * LEAST)
     some, fewer = (random_cloud(seed, n=LEAST + seed) for seed in (2, 3))
     spatial_order = SpatialOrder()
-    of = lambda cloud: [spatial_order.of(device, cloud) for _ in range(2)][1]  # noqa: E731
-    whole, part = of(most), of(some)
+    for cloud in (most, some):  # an order is computed when splats are projected again
+        spatial_order.of(device, cloud)
+        spatial_order.of(device, cloud)
+    part, whole = spatial_order.of(device, some), spatial_order.of(device, most)
     assert spatial_order.of(device, most) is whole and spatial_order.is_made
     assert spatial_order.of(device, some) is part
     assert spatial_order.of(device, fewer).rows.size == 0 and not spatial_order.is_made

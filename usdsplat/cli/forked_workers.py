@@ -22,8 +22,10 @@ def worker(environment: Mapping[str, str]) -> ForkedProcess:
 
 
 def dask_worker(environment: Mapping[str, str]) -> ForkedProcess:
-    """Fork a process that works for the scheduler of Dask whose address it is told, see
-    `cli.dask_worker`. Arguments and errors are those of `worker`."""
+    """Fork a worker of Dask, which reads the address of its scheduler from stdin.
+
+    Arguments and errors are those of `worker`. Source: `cli.dask_worker.serve`.
+    """
     from usdsplat.cli.dask_worker import serve
 
     def begin() -> int:

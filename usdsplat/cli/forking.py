@@ -1,11 +1,13 @@
-"""Decide whether workers of a job can be forked from the command, which has loaded the program.
+"""Decide whether the workers of a job can be made by `fork`, instead of starting Python anew.
 
-Loading the program takes more than a second of CPU time, a fork a few milliseconds. But a forked
-process has only the thread that forked it: a lock that another one holds stays locked, and a
-library waits for threads that it had. So USD is kept from starting threads before it is loaded,
-and workers are forked before a stage is opened and before a kernel runs. `prepared` counts the
-threads: where one was started in the meantime, as the drivers of GPUs do, and in programs that have
-loaded USD or Numba themselves, workers load the program themselves.
+The command has loaded the program, which takes more than a second of CPU time; a fork takes a few
+milliseconds. But a forked process has only one thread, the one that called `fork`: a lock that
+another thread held stays locked, and a library may wait for threads that are gone.
+
+So USD is told to use one thread before it can start others, and workers are forked before a stage
+is opened and before a kernel runs. `prepared` counts the threads. Workers start Python anew if a
+thread has begun meanwhile, as the drivers of GPUs start some, and in programs that loaded USD or
+Numba themselves.
 """
 
 from __future__ import annotations

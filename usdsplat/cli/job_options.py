@@ -32,9 +32,9 @@ GPUS = "CUDA_VISIBLE_DEVICES"
 FORM = "NAME=N,... with numbers above 0, each name once"
 """Form of --resources."""
 COLD = 24
-"""Frames of a task of a farm, where --chunk does not say: it opens its input anew."""
+"""Default of --chunk for a farm [frame]. Each task there opens its input anew, so it has many."""
 TURNS = 8
-"""Number of tasks of each process, where --chunk does not say."""
+"""Number of tasks of each process, from which the default of --chunk follows otherwise."""
 USUAL_MEMORY = 1 << 30
 """Memory that a process is expected to take where no limit is given [byte]."""
 

@@ -30,7 +30,7 @@ ELSEWHERE = {
     "--bg": "--background",
     "--rendersettingsprimpath": "--settings",
 }
-"""Flags of usdrecord, husk and others, in lower case, and ours that a user of them looks for."""
+"""Flag of usdrecord, husk or another tool, in lower case -> our flag for the same."""
 NARROWEST = 40
 """Least width of help [character]; argparse may not end on a narrower terminal."""
 

@@ -165,7 +165,10 @@ def _leave(status: int) -> NoReturn:
 
 
 def _join_threads() -> None:
-    """Wait for threads as the interpreter does at its end, which also ends those of executors."""
+    """Wait for all threads that are not daemons, as the interpreter does at its end.
+
+    Executors of `concurrent.futures` are told to end first.
+    """
     import threading
 
     join: Any = getattr(threading, "_shutdown", None)

@@ -83,7 +83,7 @@ class SequenceExportReport(ExportReport):
     counts: tuple[int, ...]
     """Splats of each frame."""
     frame_notes: tuple[tuple[str, ...], ...]
-    """Notes on each frame, of which `notes` has each once."""
+    """Notes on each frame. `notes` lists each different note once."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

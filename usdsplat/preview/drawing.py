@@ -79,7 +79,7 @@ class Drawing:
         self._prepared: tuple[Any, ...] = ()
         """Scenes and budget for which the next movement is prepared."""
         self._reads_stage = False
-        """Whether the last picture read the stage at other times than its own."""
+        """Whether the last picture needed other time codes of the stage too, for motion."""
         self.shown: Shown | None = None
         """The last picture, and what it was made from."""
 

@@ -46,7 +46,7 @@ class LightMark:
         return self.shape not in ("dome", "distant") or bool(self.place.any())
 
     def figure(self, length: float) -> Iterator[F64]:
-        """Yield the world lines that show its shape, shape (n, 3) each.
+        """Yield lines in world space that show the light's shape, each as points, shape (n, 3).
 
         Args:
             length: Length of what has none of its own, such as a direction [scene unit].
@@ -134,7 +134,7 @@ class Wireframe:
 
 
 def edges_of(spec: MeshSpec) -> F32:
-    """Return the edges between the authored faces of a mesh, shape (n, 2, 3).
+    """Return the edges of a mesh's authored faces: two ends in its local space, shape (n, 2, 3).
 
     The edges inside a face, which its triangulation made, are left out. A surface without authored
     faces, such as a sphere, counts as one face, and has those of all triangles. Of more than

@@ -45,7 +45,7 @@ def takes_validators() -> bool:
 
 
 def register() -> None:
-    """Register our plug-ins with USD's plug-in registry, unless the environment already did.
+    """Register our plug-ins with USD, unless PXR_PLUGINPATH_NAME already has.
 
     Never raises and never builds the schema registry, so that other plug-ins can still register.
     """

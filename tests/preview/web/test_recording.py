@@ -10,7 +10,7 @@ import zipfile
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import pytest
 
@@ -20,6 +20,7 @@ from usdsplat.preview.values import ViewState
 from usdsplat.preview.web import recording
 from usdsplat.preview.web.pages import Page
 from usdsplat.preview.web.recording import MOST_FRAMES, Recording
+from usdsplat.preview.web.session_proxy import SessionProxy
 from usdsplat.products.cancel import Cancelled
 
 
@@ -27,7 +28,7 @@ def test_a_range_that_is_too_long_is_refused_at_once() -> None:
     """Oracle: the limit, in a sentence."""
     timeline = Timeline(start=1.0, end=MOST_FRAMES + 1.0, rate=24.0)
     with pytest.raises(UsageError, match=f"found {MOST_FRAMES + 1} frames, expected at most"):
-        Recording(ViewState(), timeline, page=None, proxy=None)  # type: ignore[arg-type]
+        Recording(ViewState(), timeline, page=Page(), proxy=cast(SessionProxy, Proxy()))
 
 
 class Book:
@@ -82,7 +83,7 @@ def recorded(
 
     async def main() -> None:
         timeline = Timeline(start=1.0, end=5.0, rate=24.0)
-        made = Recording(ViewState(), timeline, page=page, proxy=proxy)  # type: ignore[arg-type]
+        made = Recording(ViewState(), timeline, page=page, proxy=cast(SessionProxy, proxy))
         for turn, action in (after or {}).items():
             proxy.after[turn] = partial(action, made)
         while not made.is_over:

@@ -58,7 +58,8 @@ class TakeOver(_Size):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Acknowledge:
-    """A message with a part of a picture arrived; that with the last part was shown."""
+    """Say that a message with a part of a picture has arrived. If it has the last part, the picture
+    is on the screen."""
 
     message: int = knob(MISSING, "number of the message", range=(0, 2**53))
 
