@@ -14,7 +14,7 @@ from tests.cli.conftest import passing_sphere
 from usdsplat.sim.stage.authoring import author
 
 pytestmark = pytest.mark.usefixtures("compiled")
-FRAMES = ("--frames", "1:4", "-q", "--device", "cpu")
+FRAMES = ("--frames", "1:4", "-q", "--device", "cpu", "--threads", "1")
 
 
 @pytest.fixture

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import shutil
 import signal
 import subprocess
@@ -9,6 +10,7 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
+from types import CodeType, FrameType
 
 import numpy as np
 import pytest
@@ -18,6 +20,7 @@ from tests.folded import folded
 from tests.sim.stage.bakes import PATH, Shot, everything, shot
 from usdsplat import schema
 from usdsplat.core.errors import FormatError, StageError
+from usdsplat.sim.stage.bake import Bake
 
 SECOND = "/World/Others/Splats"
 ROOT = Path(__file__).resolve().parents[3]
@@ -71,6 +74,48 @@ def test_ten_of_ten_killed_bakes_end_like_one_that_was_not(tmp_path: Path, mode:
         assert killed.digests == whole.digests
         assert everything(killed.target) == expected
         assert files(tmp_path / "killed" / "bake_data") == files(tmp_path / "whole" / "bake_data")
+
+
+@pytest.mark.parametrize("written", [1, 2, 3])
+def test_interrupted_at_any_statement_of_a_checkpoint(tmp_path: Path, written: int) -> None:
+    """Oracle: the samples of a bake that nobody disturbed. The statement after which a checkpoint
+    is in place is among those at which the interrupt comes."""
+    whole, killed = both(tmp_path, "dense", paths=(PATH,), count=11)
+    whole.run()
+    expected = files(tmp_path / "whole" / "bake_data")
+    left = itertools.count(0)
+    while True:
+        killed.target.unlink(missing_ok=True)
+        shutil.rmtree(killed.target.with_name("bake_data"), ignore_errors=True)
+        before = sys.gettrace()
+        sys.settrace(at_line(Bake.checkpoint.__code__, call=written, line=next(left)))
+        try:
+            killed.run()
+        except Killed:
+            sys.settrace(before)
+            killed.run(resume=True)
+            assert files(tmp_path / "killed" / "bake_data") == expected
+        else:
+            break
+        finally:
+            sys.settrace(before)
+    assert next(left) > 15
+
+
+def at_line(code: CodeType, *, call: int, line: int) -> Callable[..., object]:
+    """Die at a line, by its number in the order of execution, of a call of a function."""
+    calls = itertools.count(1)
+    lines = itertools.count()
+
+    def of_line(frame: FrameType, event: str, value: object) -> object:
+        if event == "line" and next(lines) == line:
+            raise Killed(f"{code.co_name}, line {frame.f_lineno}")
+        return of_line
+
+    def of_call(frame: FrameType, event: str, value: object) -> object:
+        return of_line if frame.f_code is code and next(calls) == call else None
+
+    return of_call
 
 
 def test_frames_before_the_checkpoint_are_not_simulated_again(tmp_path: Path) -> None:

@@ -28,7 +28,7 @@ from usdsplat.sim.parameters import BakeParameters
 from usdsplat.sim.stage import plan as plans
 from usdsplat.sim.stage.bake_authors import Author, author_of
 from usdsplat.sim.stage.bake_dense import stop
-from usdsplat.sim.stage.bake_layers import BakeLayers
+from usdsplat.sim.stage.bake_layers import BakeLayers, resume_frame
 from usdsplat.sim.stage.bake_parts import parts_of, spans_of
 from usdsplat.sim.stage.epochs import samples
 from usdsplat.sim.stage.extending import EARLY, MERGED, extension, is_shorter, last_epoch
@@ -69,7 +69,6 @@ class Bake:
         self._epochs = 0
         self._is_new = False
         self._has_begun = False
-        self._kept: dict[str, int] | None = None
         self._merged: int | None = None
         """Epochs whose samples are in the file of a shorter bake; None unless one is extended."""
         self._shown = 0
@@ -210,7 +209,6 @@ class Bake:
         if not self.is_resumable(time):
             return
         checkpoints.save(self._layers.checkpoint, where)
-        self._remember()
         for field in self._fields.values():
             field.spool.forget(self._epochs * self._parameters.clip_frames)
 
@@ -291,15 +289,12 @@ class Bake:
         frames after the last one. A bake that could not begin has nothing to remove."""
         if self.is_complete or not self._has_begun:
             return
-        if self._kept is None:
+        # What is on disk decides: an interrupt may come between a checkpoint and the next statement
+        if self.resumed is None and not self._layers.checkpoint.exists():
             self._layers.discard()
-            return
-        for path, field in self._fields.items():
-            field.spool.forget_from(self._kept[path])
-
-    def _remember(self) -> None:
-        """Remember the frames that the checkpoint needs: those before the pending ones."""
-        self._kept = {path: field.spool.frames - 1 for path, field in self._fields.items()}
+        elif (time := resume_frame(self._layers.target)) in self._times:
+            for field in self._fields.values():  # its own frame is in the checkpoint
+                field.spool.forget_from(self._times.index(time))
 
     @property
     def _frames(self) -> int:
@@ -396,5 +391,4 @@ class Bake:
             prefix = f"{_EXTRA}{number}:"
             kept = {k: v for k, v in found.extras.items() if k.startswith(prefix)}
             field.spool.restore({k.removeprefix(prefix): v for k, v in kept.items()})
-        self._remember()
         self.resumed = found
