@@ -145,7 +145,7 @@ def _draw_options(options: Options) -> DrawOptions:
     Raises:
         UsageError: If one is wrong.
     """
-    from usdsplat.interchange.files import capture_files
+    from usdsplat.interchange.files import capture_files, chunk_files
     from usdsplat.products.preparing import DrawOptions
     from usdsplat.products.tiles import TileStep, Tiling
 
@@ -158,13 +158,20 @@ def _draw_options(options: Options) -> DrawOptions:
     if options.tile is not None and options.job.is_asked:
         raise UsageError("--tile", options.tile, "no --jobs, --dask or --openjd")
     tiling = None if options.tiles is None else Tiling.parse(options.tiles)
+    chunks = chunk_files(options.stage)
+    opened = options.stage_opening
     return DrawOptions(
         existing="resume" if options.resume else "replace",
         memory_limit=bytes_of(options.memory_limit),
         tile=None
         if tiling is None
         else TileStep.parse(tiling, options.tile or "join", keeps=options.keep_tiles),
-        files=tuple(map(Path, capture_files(options.stage))),
+        files=tuple(Path(p) for p in capture_files(options.stage) if p not in chunks),
+        chunks=tuple(map(Path, chunks)),
+        opening=(
+            *map(repr, (opened.variant, opened.mute, opened.mask)),
+            options.axes or "auto",
+        ),
         fitted=() if options.fit_frames is None else parse_frames(options.fit_frames),
     )
 

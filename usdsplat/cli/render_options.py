@@ -123,8 +123,8 @@ class Options:
     memory_limit: Annotated[str | None, option("SIZE")] = None
     """maximum memory of the process, such as 800M or 6G; default: no limit"""
     resume: Annotated[bool, option()] = False
-    """skip frames whose file exists, unless it is truncated or another picture; cameras, colour,
-    lighting and sorting are not compared"""
+    """skip frames whose file exists, unless it is truncated or another picture: of another camera,
+    setting, file of the stage, or version"""
     tiles: Annotated[str | None, option("COLUMNSxROWS")] = None
     """divide each picture into tiles, which are tasks of their own"""
     tile: Annotated[str | None, option("N|join")] = None

@@ -109,7 +109,7 @@ def draw_frames(
         if wrong is not None and plan not in warned:  # their number differs from frame to frame
             warned.add(plan)
             findings.add(wrong, time=since)
-        origin = Origin(stage=source, frame=frame)
+        origin = Origin(stage=source, frame=frame, stamp=ready.lasting_stamp(plan, frame))
         file = PictureFile(
             plan=plan,
             path=path if step is None or step.joins else step.path(path),
