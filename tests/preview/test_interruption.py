@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from tests.preview.documents import STATE, alone, animated, drawn_by
+from usdsplat.core.cancel import CancelToken
 from usdsplat.preview.camera import FreeCamera
 from usdsplat.preview.document import Document
 from usdsplat.preview.pacing import Quality
@@ -18,15 +19,18 @@ from usdsplat.render.frame_stats import Clock
 MOVING = replace(STATE, camera=FreeCamera(eye=(0, 0, 9)), is_moving=True)
 
 
-class Until:
-    """Wants a picture for a number of stages, and counts."""
+class Until(CancelToken):
+    """Lets a picture go on for a number of stages, and counts."""
 
     def __init__(self, most: int) -> None:
+        super().__init__()
         self.most, self.asked = most, 0
 
-    def __call__(self) -> bool:
+    def check(self) -> None:
         self.asked += 1
-        return self.asked <= self.most
+        if self.asked > self.most:
+            self.cancel()
+        super().check()
 
 
 def stages_of(document: Document, state: ViewState) -> int:
@@ -122,5 +126,28 @@ def test_closing_ends_the_picture_in_progress(session, events, at_a_stage):
     """Oracle: nothing comes."""
     session.look(STATE)
     at_a_stage(session.close)
+    session.turn()
+    assert not events.pictures
+
+
+def test_a_movement_ends_a_picture_even_if_it_is_over_by_then(session, events, at_a_stage, paced):
+    """Oracle: the pictures that came: only that of the view where the movement ended."""
+    after = replace(STATE, camera=FreeCamera(eye=(0, 0, 9)))
+
+    def moved():
+        session.look(MOVING)
+        session.look(after)
+
+    session.look(STATE)
+    at_a_stage(moved)
+    while session.turn():
+        pass
+    assert [each.state for each in events.pictures] == [after]
+
+
+def test_a_closed_session_begins_no_picture(session, events):
+    """Oracle: nothing comes; the view was set before."""
+    session.look(STATE)
+    session.close()
     session.turn()
     assert not events.pictures

@@ -14,13 +14,14 @@ from typing import Any
 
 from pxr import Sdf, Tf, Usd, UsdGeom
 
+from usdsplat.core.cancel import CancelToken
 from usdsplat.delegate.engine import Engine
 from usdsplat.interchange.provenance import KEY
 from usdsplat.kernels.device import CpuDevice
 from usdsplat.preview import boxes
 from usdsplat.preview.compiling import telling
 from usdsplat.preview.display import Display
-from usdsplat.preview.drawing import Drawing, wanted_always
+from usdsplat.preview.drawing import Drawing
 from usdsplat.preview.scenes import Scenes
 from usdsplat.preview.sides import Shown
 from usdsplat.preview.sources import Sources
@@ -103,7 +104,7 @@ class Document:
                 axes_are_assumed=self._axes("frame_source") == "assumed",
             )
 
-    def draw(self, state: ViewState, is_wanted: Callable[[], bool] = wanted_always) -> bool:
+    def draw(self, state: ViewState, cancel: CancelToken | None = None) -> bool:
         """Draw a new picture and publish it.
 
         A picture does not wait for the nodes of splat trees: `wake` is called when some were read,
@@ -113,8 +114,7 @@ class Document:
 
         Args:
             state: State of the viewport.
-            is_wanted: Called between the stages of the picture; False ends it, and nothing is
-                published.
+            cancel: Ends the picture after its current stage; nothing is published then.
 
         Returns:
             Whether to call this again at once, for a picture of higher quality, or to prepare the
@@ -131,7 +131,7 @@ class Document:
                 self.simulation.look()
             self.publish(change)
         with telling(self.publish):
-            picture = self._drawing.draw(state, self.lock, self._overlays.find, is_wanted=is_wanted)
+            picture = self._drawing.draw(state, self.lock, self._overlays.find, cancel=cancel)
         if picture is None:
             return False
         self.publish(picture)

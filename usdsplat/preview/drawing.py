@@ -6,7 +6,7 @@ that comes from scene or stage.
 lock.
 3. Images for display are made of the AOVs. The two sides of a comparison are joined.
 
-A picture in progress that is no longer wanted ends after its current stage.
+A picture that is cancelled ends after its current stage.
 
 Pictures of a viewport do not wait until the nodes of splat trees are read: coarser ones are drawn
 in their place, and the picture is drawn again when some were read.
@@ -25,6 +25,7 @@ from typing import Any
 
 import numpy as np
 
+from usdsplat.core.cancel import Cancelled, CancelToken
 from usdsplat.delegate.engine import Engine
 from usdsplat.delegate.render_buffer import Pixels
 from usdsplat.kernels.compiling import compile_time
@@ -44,15 +45,6 @@ ONCE = ("lay out",)
 """Stages that only the first picture of some splats has: they count to no picture's cost."""
 
 FindOverlays = Callable[[Engine, ViewState], Overlays]
-
-
-class _Unwanted(Exception):
-    """Signal that a picture in progress is no longer wanted."""
-
-
-def wanted_always() -> bool:
-    """Return True: the picture is wanted, whatever happens meanwhile."""
-    return True
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -101,17 +93,17 @@ class Drawing:
         overlays: FindOverlays,
         *,
         waits: bool = False,
-        is_wanted: Callable[[], bool] = wanted_always,
+        cancel: CancelToken | None = None,
     ) -> Picture | None:
         """Return the next picture; None if the last one is still valid and of the same quality, or
-        the next one was no longer wanted before it was finished.
+        the next one was cancelled.
 
         Args:
             state: State of the viewport.
             lock: Held while the stage is read.
             overlays: Function that returns what is drawn over the picture of a state.
             waits: Whether to wait until the nodes of splat trees are read.
-            is_wanted: Called between the stages of a picture; False ends it.
+            cancel: Ends the picture after its current stage.
 
         Raises:
             UsdSplatError: If something that the state requests cannot be drawn.
@@ -145,8 +137,8 @@ class Drawing:
             self._wanted = None
             try:
                 with compile_time() as compiled:
-                    new = self._render(jobs, is_wanted)
-            except _Unwanted:
+                    new = self._render(jobs, cancel)
+            except Cancelled:
                 return None
         sides = [
             Side(scene=job.scene, view=job.view, arrays=self._drawn[job.key].arrays) for job in jobs
@@ -242,17 +234,12 @@ class Drawing:
             return False
         return self.shown.quality.is_at_least(quality)
 
-    def _render(self, jobs: list[Job], is_wanted: Callable[[], bool]) -> list[FrameStats]:
+    def _render(self, jobs: list[Job], cancel: CancelToken | None) -> list[FrameStats]:
         """Draw the sides that are not cached, and return the statistics of these drawings.
 
         Raises:
-            _Unwanted: If they are no longer wanted.
+            Cancelled: If they are no longer wanted.
         """
-
-        def check() -> None:
-            if not is_wanted():
-                raise _Unwanted
-
         asked: dict[tuple[Any, ...], tuple[Job, tuple[str, ...]]] = {}
         for job in jobs:
             before = asked[job.key][1] if job.key in asked else ()
@@ -264,7 +251,7 @@ class Drawing:
             lasts = have is not None and not (job.reads_stage or have.stats.missing)
             if have is None or not lasts or not set(aovs) <= have.arrays.keys():
                 engine = job.scene.engine
-                arrays = engine.picture(job.view, job.settings, aovs, sync=False, check=check)
+                arrays = engine.picture(job.view, job.settings, aovs, sync=False, cancel=cancel)
                 have = _Drawn(arrays, engine.stats)
                 new.append(have.stats)
             self._drawn[key] = have
