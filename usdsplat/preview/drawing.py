@@ -6,7 +6,7 @@ that comes from scene or stage.
 lock.
 3. Images for display are made of the AOVs. The two sides of a comparison are joined.
 
-A picture that is cancelled ends after its current stage.
+A picture that is cancelled ends after its current stage; on the CPU, within long stages too.
 
 Pictures of a viewport do not wait until the nodes of splat trees are read: coarser ones are drawn
 in their place, and the picture is drawn again when some were read.

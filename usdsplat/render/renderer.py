@@ -88,7 +88,7 @@ class _Workspace:
         if nodes is not None:
             stats = FrameStats(of_trees=nodes.cut.splats, missing=nodes.missing)
         return FrameContext(
-            rasterizer=self.rasterizer,
+            rasterizer=self.rasterizer if cancel is None else self.rasterizer.until(cancel),
             surface_cache=self.surface_cache,
             sampler=sampler,
             settings=settings,
