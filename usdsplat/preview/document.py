@@ -147,10 +147,7 @@ class Document:
         """
         still, before = replace(state, is_moving=False), self.shown
         with telling(self.publish):
-            while True:
-                picture = self._drawing.draw(still, self.lock, self._overlays.find, waits=True)
-                if picture is None or picture.is_final:
-                    break
+            self._drawing.draw(still, self.lock, self._overlays.find, is_still=True)
         found = self.shown
         assert found is not None
         self._drawing.put_back(before)

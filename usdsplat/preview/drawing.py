@@ -9,7 +9,8 @@ lock.
 A picture that is cancelled ends after its current stage; on the CPU, within long stages too.
 
 Pictures of a viewport do not wait until the nodes of splat trees are read: coarser ones are drawn
-in their place, and the picture is drawn again when some were read.
+in their place, and the picture is drawn again when some were read. Stills wait, and no budget
+limits them.
 
 AOVs are cached, so that a change of exposure, wipe or channel needs no new drawing.
 """
@@ -31,7 +32,7 @@ from usdsplat.delegate.render_buffer import Pixels
 from usdsplat.kernels.compiling import compile_time
 from usdsplat.preview.display import Display, needed
 from usdsplat.preview.overlays import Overlays
-from usdsplat.preview.pacing import Load, Pacer, Quality
+from usdsplat.preview.pacing import FULL, Load, Pacer, Quality
 from usdsplat.preview.scenes import Scene, Scenes
 from usdsplat.preview.sides import Job, Shown, Side, cut_of, job_of, view_of
 from usdsplat.preview.tree_levels import Levels
@@ -92,7 +93,7 @@ class Drawing:
         lock: threading.RLock,
         overlays: FindOverlays,
         *,
-        waits: bool = False,
+        is_still: bool = False,
         cancel: CancelToken | None = None,
     ) -> Picture | None:
         """Return the next picture; None if the last one is still valid and of the same quality, or
@@ -102,7 +103,8 @@ class Drawing:
             state: State of the viewport.
             lock: Held while the stage is read.
             overlays: Function that returns what is drawn over the picture of a state.
-            waits: Whether to wait until the nodes of splat trees are read.
+            is_still: Whether it is drawn in full at once, however long that takes, and waits until
+                the nodes of splat trees are read.
             cancel: Ends the picture after its current stage.
 
         Raises:
@@ -120,11 +122,11 @@ class Drawing:
             found = overlays(scenes[0].engine, state)
             warnings = _told(scenes[0].engine)
             wanted = (replace(state, is_moving=False), *(s.place for s in scenes), found, warnings)
-            quality = self._quality(state, wanted, scenes)
-            jobs = [job_of(state, scene, quality, waits=waits) for scene in scenes]
+            quality = FULL if is_still else self._quality(state, wanted, scenes)
+            jobs = [job_of(state, scene, quality, waits=is_still) for scene in scenes]
             reads_stage = any(job.reads_stage for job in jobs)
             reads = _reads(scenes)
-            is_finer = self._missing and (waits or reads != self._reads)
+            is_finer = self._missing and (is_still or reads != self._reads)
             is_same = wanted == self._wanted and not is_finer
             if is_same and not reads_stage and self._is_shown(state, quality):
                 self._prepare(state, scenes)
