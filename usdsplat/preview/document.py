@@ -77,10 +77,12 @@ class Document:
         )
         self._thread = threading.get_ident()
         self._change: StageChanged | None = None
+        self._changes = 0
+        """Number of changes of the stage, by anyone."""
         self._notice = Tf.Notice.Register(Usd.Notice.ObjectsChanged, self._note_change, stage)
         self._overlays = OverlayFinder(stage)
         display = Display(CpuDevice(threads=threads))  # pictures are in host memory already
-        self._drawing = Drawing(self._scenes, display)
+        self._drawing = Drawing(self._scenes, display, lambda: self._changes)
 
     @property
     def shown(self) -> Shown | None:
@@ -209,6 +211,7 @@ class Document:
 
         Changes by a simulation, which writes in a separate thread, are not recorded as edits:
         panels would query all the time."""
+        self._changes += 1
         if threading.get_ident() != self._thread:
             return
         others = any(path.IsAbsoluteRootOrPrimPath() for path in notice.GetResyncedPaths())

@@ -55,10 +55,17 @@ class _Drawn:
 
 
 class Drawing:
-    """Drawing of all pictures of one viewport of one stage."""
+    """Drawing of all pictures of one viewport of one stage.
 
-    def __init__(self, scenes: Scenes, display: Display) -> None:
+    Args:
+        scenes: The engines of the viewport.
+        display: Makes images for display.
+        changes: Function that returns the number of changes of the stage so far, at any time code.
+    """
+
+    def __init__(self, scenes: Scenes, display: Display, changes: Callable[[], int]) -> None:
         self._scenes = scenes
+        self._changes = changes
         self._pacer = Pacer()
         self._display = display
         self._drawn: dict[tuple[Any, ...], _Drawn] = {}
@@ -71,8 +78,8 @@ class Drawing:
         """Number of reads of nodes when it was begun."""
         self._prepared: tuple[Any, ...] = ()
         """Scenes and budget for which the next movement is prepared."""
-        self._reads_stage = False
-        """Whether the last picture needed other time codes of the stage too, for motion."""
+        self._changed = 0
+        """Number of changes of the stage before the last picture, which may show other times."""
         self.shown: Shown | None = None
         """The last picture, and what it was made from."""
 
@@ -121,20 +128,22 @@ class Drawing:
                 self._forget_closed()
             found = overlays(scenes[0].engine, state)
             warnings = _told(scenes[0].engine)
-            wanted = (replace(state, is_moving=False), *(s.place for s in scenes), found, warnings)
+            wanted = _key(state, scenes, found, warnings)
             quality = FULL if is_still else self._quality(state, wanted, scenes)
             jobs = [job_of(state, scene, quality, waits=is_still) for scene in scenes]
             reads_stage = any(job.reads_stage for job in jobs)
             reads = _reads(scenes)
             is_finer = self._missing and (is_still or reads != self._reads)
+            if reads_stage:
+                self._scenes.author()
+            changes = self._changes()
             is_same = wanted == self._wanted and not is_finer
-            if is_same and not reads_stage and self._is_shown(state, quality):
+            is_same = is_same and not (reads_stage and changes != self._changed)
+            if is_same and self._is_shown(state, quality):
                 self._prepare(state, scenes)
                 return None
             synced = time.perf_counter()
-            if reads_stage:
-                self._scenes.author()
-            else:
+            if not reads_stage:
                 holding.close()
             self._wanted = None
             try:
@@ -142,6 +151,9 @@ class Drawing:
                     new = self._render(jobs, cancel)
             except Cancelled:
                 return None
+            if reads_stage:  # the engines went to other times and came back: other versions
+                scenes = self._scenes.synced(state)
+                wanted = _key(state, scenes, found, warnings)
         sides = [
             Side(scene=job.scene, view=job.view, arrays=self._drawn[job.key].arrays) for job in jobs
         ]
@@ -179,18 +191,15 @@ class Drawing:
             overlays=found,
             warnings=warnings,
         )
-        self._wanted, self._reads_stage = wanted, reads_stage
+        self._wanted, self._changed = wanted, changes
         self.shown = Shown(picture=picture, quality=quality, sides=tuple(sides))
         return picture
 
     @property
     def is_prepared(self) -> bool:
-        """Whether a further call of `draw` would not make the next movement begin faster.
-
-        A picture that read the stage at other times would be drawn again by that call.
-        """
+        """Whether a further call of `draw` would not make the next movement begin faster."""
         shown = self.shown
-        if shown is None or shown.picture.state.is_moving or self._reads_stage:
+        if shown is None or shown.picture.state.is_moving:
             return True
         scenes = tuple(side.scene for side in shown.sides)
         return self._prepared == self._preparation(shown.picture.state, scenes)
@@ -290,6 +299,13 @@ class Drawing:
             rest = sum(milliseconds.values()) - fixed - once + display
             self._pacer.drew(quality, load, fixed=fixed, rest=rest)
         self._is_warm = True
+
+
+def _key(
+    state: ViewState, scenes: tuple[Scene, ...], found: Overlays, warnings: tuple[str, ...]
+) -> tuple[Any, ...]:
+    """Return what a picture shows, in whatever quality."""
+    return replace(state, is_moving=False), *(each.place for each in scenes), found, warnings
 
 
 def _told(engine: Engine) -> tuple[str, ...]:
