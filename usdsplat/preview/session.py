@@ -19,6 +19,7 @@ from typing import Any, TypeVar
 
 from usdsplat.core.cancel import CancelToken
 from usdsplat.core.errors import UsdSplatError
+from usdsplat.core.freed import return_freed_memory
 from usdsplat.preview.compiling import telling
 from usdsplat.preview.document import Document
 from usdsplat.preview.values import Event, Problem, ViewState
@@ -213,6 +214,7 @@ class Session:
         self._has_failed = True
         if document is not None:
             document.close()
+            return_freed_memory()
 
     def _do(
         self,
