@@ -53,6 +53,7 @@ TICK = 1 / 60
 """Time between mouse events [s]."""
 STEP = 5.0
 """Way of the pointer between two events [pixel]."""
+COLUMNS = ("scene", "idle", "busy", "sharp", "pictures/s", "gap", "scale")
 PATIENCE = 600.0
 """Time after which the window counts as hanging [s]."""
 
@@ -247,7 +248,7 @@ def main(report: Report) -> None:
     application = QApplication.instance() or QApplication([])
     threads = counted(usual_threads(), "thread")
     table = Table(title=f"How soon a window answers, on {threads}: median (largest), in ms")
-    for name in ("scene", "idle", "busy", "sharp", "pictures/s", "gap", "scale"):
+    for name in COLUMNS:
         table.add_column(name, justify="right")
     with tempfile.TemporaryDirectory() as folder:
         for name in options.scene:
