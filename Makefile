@@ -11,7 +11,7 @@ CAPTURE ?=
 OUT ?= demo
 BENCHMARKS := commands frame passes renderers scaling memory author formats converters decimation \
 	convert_memory deep colour simulation simulated_frame simulated_beginning live bakes preview_ui page_link minification \
-	lod_build lod_quality lod_films split_table refinement normals lighting
+	lod_build lod_quality lod_films split_table refinement normals lighting window_latency
 GPU_BENCHMARKS := commands cuda_frame simulation_cuda cuda_scaling lod_cuda
 
 CAPABILITIES := 8.0,9.0

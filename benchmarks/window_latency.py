@@ -1,14 +1,16 @@
 """Measure how soon a window answers: the first picture, the sharp one, pictures per second.
 
-    python -m benchmarks.window_latency [--seconds 3] [--times 8] [--scene NAME ...]
+    python -m benchmarks.window_latency [--seconds 3] [--times 8] [--scene NAME ...] [--json FILE]
 
-A real window without a display gets mouse events 60 times a second, as from a person who drags the
-view. Times count from the event to the end of the painting that shows it.
+USDSPLAT_THREADS sets the number of threads. A real window without a display gets mouse events 60
+times a second, as from a person who drags the view. Times count from the event to the end of the
+painting that shows it.
 
     idle     the first picture of a movement that begins when nothing is drawn
     busy     the same while the full picture is drawn; the movement begins anywhere in it
     sharp    the full picture, from the release of the button
     gap      the longest time between two pictures of a movement, 95th percentile
+    scale    median pixels of the viewport per side of a drawn pixel, while dragging
 """
 
 from __future__ import annotations
@@ -32,11 +34,13 @@ from PySide6.QtGui import QMouseEvent
 from PySide6.QtWidgets import QApplication
 from rich.table import Table
 
-from benchmarks.report import Report
+from benchmarks.report import Report, spread
 from benchmarks.scenes import garden
 from usdsplat import formats, schema
 from usdsplat.core import edit
+from usdsplat.core.wording import counted
 from usdsplat.interchange.lod import build_tree
+from usdsplat.kernels.device import usual_threads
 from usdsplat.preview.document import Document
 from usdsplat.preview.opening import open_document
 from usdsplat.preview.qt.opening_again import Opener
@@ -49,6 +53,7 @@ TICK = 1 / 60
 """Time between mouse events [s]."""
 STEP = 5.0
 """Way of the pointer between two events [pixel]."""
+COLUMNS = ("scene", "idle", "busy", "sharp", "pictures/s", "gap", "scale")
 PATIENCE = 600.0
 """Time after which the window counts as hanging [s]."""
 
@@ -241,8 +246,9 @@ def main(report: Report) -> None:
     parser.add_argument("--scene", nargs="*", default=["100 k", "1 M", "tree"])
     options = parser.parse_args(report.arguments)
     application = QApplication.instance() or QApplication([])
-    table = Table(title="latency of a window [ms]: median (largest)")
-    for name in ("scene", "idle", "busy", "sharp", "pictures/s", "gap", "scale"):
+    threads = counted(usual_threads(), "thread")
+    table = Table(title=f"How soon a window answers, on {threads}: median (largest), in ms")
+    for name in COLUMNS:
         table.add_column(name, justify="right")
     with tempfile.TemporaryDirectory() as folder:
         for name in options.scene:
@@ -265,7 +271,7 @@ def main(report: Report) -> None:
                 ),
                 f"{answer.fps:.0f}", f"{answer.gap:.0f}", f"{answer.scale:g}",
             )  # fmt: skip
-            report.add(device="cpu", scene=name, ms=float(np.median(answer.busy)))
+            report.add(device="cpu", scene=name, **spread(answer.busy))
     report.show(table)
     application.processEvents()
 

@@ -28,7 +28,7 @@ class CountingRenderer:
         self.fails = self.copies = False
         self.stats = FrameStats()
 
-    def render(self, scene, view, settings, aovs, *, sampler, check):
+    def render(self, scene, view, settings, aovs, *, sampler, cancel):
         self.drawn += 1
         x0, y0, x1, y1 = view.framing.window
         rows = y1 - y0 if self.copies else 2
@@ -39,7 +39,6 @@ class CountingRenderer:
             color[:], depth[:] = self.drawn, np.arange(y, y + rows)[:, None]
             yield Band(y, y + rows, {"color": color, "depth": depth}, lasting)
             depth[:] = np.nan  # not valid any more
-            check()
             if self.fails:
                 raise MemoryError
 

@@ -8,51 +8,49 @@ import numpy as np
 import pytest
 
 from tests.preview.documents import STATE, alone, animated, drawn_by
+from usdsplat.core.cancel import CancelToken
 from usdsplat.preview.camera import FreeCamera
 from usdsplat.preview.document import Document
 from usdsplat.preview.pacing import Quality
 from usdsplat.preview.session import Session
-from usdsplat.preview.values import Look, Picture, ViewState
+from usdsplat.preview.values import Look, Picture
 from usdsplat.render.frame_stats import Clock
 
 MOVING = replace(STATE, camera=FreeCamera(eye=(0, 0, 9)), is_moving=True)
 
 
-class Until:
-    """Wants a picture for a number of stages, and counts."""
+class Until(CancelToken):
+    """Lets a picture go on for a number of stages, and counts."""
 
     def __init__(self, most: int) -> None:
+        super().__init__()
         self.most, self.asked = most, 0
 
-    def __call__(self) -> bool:
+    def check(self) -> None:
         self.asked += 1
-        return self.asked <= self.most
-
-
-def stages_of(document: Document, state: ViewState) -> int:
-    """Number of stages of a full picture."""
-    count = Until(1000)
-    document.draw(state, count)
-    return count.asked
+        if self.asked > self.most:
+            self.cancel()
+        super().check()
 
 
 @pytest.mark.parametrize("aov", ["color", "depth", "primId"])
-def test_a_picture_may_end_after_any_stage_and_the_next_one_is_whole(stage, events, aov):
-    """Oracle: counted: no stage follows the one after which it was not wanted. The next picture is
+def test_a_picture_may_end_after_any_launch_and_the_next_one_is_whole(stage, events, aov):
+    """Oracle: counted: no launch follows the one after which it was not wanted. The next picture is
     that of a document that was never interrupted; bit for bit."""
     state = replace(STATE, look=Look(aov=aov))
     whole = Document(animated(), publish=events.append)
-    count = stages_of(whole, state)
+    drawn_by(whole, state)
     whole.close()
     expected = events.pictures[-1].image
-    assert count > 4
     events.clear()
     document = Document(stage, publish=events.append)
-    for stages in range(count):
-        until = Until(stages)
-        assert not document.draw(state, until)
-        assert until.asked == stages + 1 and not events.pictures
-    drawn_by(document, state)
+    launches = 0
+    while not events.pictures:
+        until = Until(launches)
+        document.draw(state, until)
+        assert until.asked == launches + 1 or events.pictures
+        launches += 1
+    assert launches > 8
     document.close()
     np.testing.assert_array_equal(events.pictures[-1].image, expected)
 
@@ -122,5 +120,28 @@ def test_closing_ends_the_picture_in_progress(session, events, at_a_stage):
     """Oracle: nothing comes."""
     session.look(STATE)
     at_a_stage(session.close)
+    session.turn()
+    assert not events.pictures
+
+
+def test_a_movement_ends_a_picture_even_if_it_is_over_by_then(session, events, at_a_stage, paced):
+    """Oracle: the pictures that came: only that of the view where the movement ended."""
+    after = replace(STATE, camera=FreeCamera(eye=(0, 0, 9)))
+
+    def moved():
+        session.look(MOVING)
+        session.look(after)
+
+    session.look(STATE)
+    at_a_stage(moved)
+    while session.turn():
+        pass
+    assert [each.state for each in events.pictures] == [after]
+
+
+def test_a_closed_session_begins_no_picture(session, events):
+    """Oracle: nothing comes; the view was set before."""
+    session.look(STATE)
+    session.close()
     session.turn()
     assert not events.pictures

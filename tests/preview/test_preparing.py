@@ -43,12 +43,17 @@ def test_a_movement_is_prepared_once_after_a_full_picture(document, events, budg
 
 
 @pytest.mark.parametrize("look", [BLURRED, Look(aov="forward"), Look(aov="backward")])
-def test_a_picture_that_reads_other_times_is_drawn_once(document, events, stage, budgeted, look):
-    """Oracle: counted: it is final at once and no call is asked for; such a picture would be drawn
-    anew by each."""
+def test_so_is_one_after_a_picture_that_reads_other_times(document, events, stage, budgeted, look):
+    """Oracle: counted, as above; a change of the stage at any time draws it again."""
     stage.GetPrimAtPath("/Camera").GetAttribute("shutter:close").Set(0.5)
-    drawn_by(document, replace(STATE, look=look, time=2.0))
+    state = replace(STATE, look=look, time=2.0)
+    assert document.draw(state) and 1 not in budgeted
+    assert not document.draw(state) and budgeted.count(1) == 1
     assert [each.is_final for each in events.pictures] == [True]
+    stage.GetAttributeAtPath("/World/B.xformOp:translate").Set((9, 0, 0), 3)
+    drawn_by(document, state)
+    assert len(events.pictures) == 2
+    assert (events.pictures[0].image != events.pictures[1].image).any()
 
 
 def test_the_choice_of_splats_counts_to_no_cost(document, monkeypatch):

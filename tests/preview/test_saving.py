@@ -13,13 +13,13 @@ import pytest
 from tests.delegate.stages import add_camera, random_cloud
 from tests.preview.flipbooks import flipbook
 from usdsplat import schema
+from usdsplat.core.cancel import CancelToken
 from usdsplat.core.errors import OutputError, UnknownFormatError, UsageError
 from usdsplat.delegate.engine import Engine
 from usdsplat.preview.document import Document
 from usdsplat.preview.saving import Flipbook, save_view
 from usdsplat.preview.values import DisplaySettings, Look, ViewState
 from usdsplat.products import movie
-from usdsplat.products.cancel import CancelToken
 from usdsplat.render.settings import RenderSettings
 
 SIZE = (40, 30)

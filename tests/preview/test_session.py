@@ -289,6 +289,21 @@ def test_closing_while_drawing_waits_for_the_picture_and_releases(heard, monkeyp
     assert not session._thread.is_alive()
 
 
+def test_a_closed_session_returns_the_memory_of_its_document(heard, monkeypatch):
+    """Oracle: the order of calls: what is freed by closing is returned after it."""
+    called = []
+    close = Document.close
+    monkeypatch.setattr(Document, "close", lambda self: (close(self), called.append("close")))
+    monkeypatch.setattr(
+        "usdsplat.preview.session.return_freed_memory", lambda: called.append("return")
+    )
+    session = Session(lambda publish: Document(animated(), publish=publish))
+    session.listen(heard)
+    heard.wait(lambda event: isinstance(event, Opened))
+    session.close(SOON)
+    assert called == ["close", "return"]
+
+
 def test_a_listener_that_stopped_hears_nothing(heard):
     """Oracle: counted."""
     session = turned(heard)

@@ -15,6 +15,7 @@ from tests.preview.documents import STATE as CAMERA_STATE
 from tests.render.rendering import random_cloud
 from tests.trees import little_tree
 from usdsplat.preview.document import Document
+from usdsplat.preview.pacing import FULL, Quality
 from usdsplat.preview.session import Session
 from usdsplat.preview.values import Look, Picture
 from usdsplat.render.settings import RenderSettings
@@ -129,3 +130,18 @@ def test_a_still_waits(tree, document, gates, events):
     still = document.still(STATE).picture
     assert still.is_final
     np.testing.assert_array_equal(still.image, level(tree, 0))
+
+
+def test_a_still_is_whole_where_the_window_keeps_a_budget(tree, document, gates, monkeypatch):
+    """Oracle: an engine of its own without a budget. The picture of a slow tree stays in the window
+    with few splats; a still of the same view has all, and the window's picture stays."""
+    few = Quality(splats=20)
+    monkeypatch.setattr("usdsplat.preview.pacing.Pacer.resting", lambda self, shown, load: few)
+    for gate in gates.values():
+        gate.set()
+    drawn_by(document, STATE)
+    before = document.shown
+    assert before.quality == few
+    still = document.still(STATE)
+    np.testing.assert_array_equal(still.picture.image, level(tree, 0))
+    assert still.quality == FULL and document.shown is before

@@ -8,9 +8,9 @@ from functools import partial
 import pytest
 from pxr import Usd
 
+from usdsplat.core.cancel import CancelToken
 from usdsplat.core.errors import OutputError
 from usdsplat.delegate.engine import Engine
-from usdsplat.products.cancel import CancelToken
 from usdsplat.products.drawing import draw_frames
 from usdsplat.products.planning import plan_pictures
 from usdsplat.products.preparing import DrawOptions

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from typing import Any, Literal
 
+from usdsplat.core.cancel import CancelToken
 from usdsplat.core.cloud import SplatCloud
 from usdsplat.core.errors import UsageError
 from usdsplat.core.findings import Finding
@@ -23,7 +24,7 @@ from usdsplat.render.band import BAND_PIXELS, Band
 from usdsplat.render.cost import Work
 from usdsplat.render.deep_memory import USUAL_SIZE, DeepSize
 from usdsplat.render.deep_samples import DeepSamples
-from usdsplat.render.frame_stats import FrameStats, keep_on
+from usdsplat.render.frame_stats import FrameStats
 from usdsplat.render.lod.memory import estimate
 from usdsplat.render.memory import COLOR_ALONE, Estimate, PictureRequest
 from usdsplat.render.renderer import ReadHoldout, TimeSampler, depends_on_time
@@ -310,15 +311,14 @@ class Engine:
         aovs: tuple[str, ...] = ("color",),
         *,
         sync: bool = True,
-        check: Callable[[], None] = keep_on,
+        cancel: CancelToken | None = None,
     ) -> dict[str, Pixels]:
         """Return a whole picture; it is drawn only if it differs from the last one.
 
         Args:
             view, settings, aovs: As for `render`.
-            sync: False draws the last synced state without reading the stage, which another thread
-                may edit meanwhile. Only motion blur and the motion AOVs still read the stage.
-            check: Called between the stages of the picture, which an error that it raises ends.
+            sync: False draws the last synced state; only motion blur and AOVs of motion read USD.
+            cancel: Ends the picture after its current stage; `Cancelled` is raised.
 
         Returns:
             Pixels of the data window by AOV, read-only, shape (height, width) or, for color,
@@ -330,7 +330,7 @@ class Engine:
         settings = self._resolved(settings)
         buffers = {name: self._index.buffer(name) for name in aovs}
         draw, sampler = self._drawer.render_pass.execute, self._times(view, settings, aovs)
-        draw(view, settings, aovs, buffers, sampler=sampler, check=check)
+        draw(view, settings, aovs, buffers, sampler=sampler, cancel=cancel)
         return {name: buffer.map() for name, buffer in buffers.items()}
 
     def estimate(

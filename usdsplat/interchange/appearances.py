@@ -28,7 +28,6 @@ from usdsplat.schema.tree_cuts import TreeReading
 MOST_SPLATS = 1 << 28
 """Maximum number of splats of an export: more would take 60 GB and are assumed to be a mistake."""
 
-_PURPOSES = (UsdGeom.Tokens.default_, UsdGeom.Tokens.render)
 _IN_WORLD = Usd.TraverseInstanceProxies()
 _IN_PROTOTYPE = Usd.TraverseInstanceProxies(Usd.PrimIsActive & Usd.PrimIsLoaded)
 """Prototypes may be under an `over` or a `class`, so that they are not drawn by themselves."""
@@ -131,10 +130,10 @@ def appearances(stage: Usd.Stage, reading: StageReading) -> tuple[list[Appearanc
         if prim != root and prim.GetPath() in items.hidden:
             prims.PruneChildren()
         elif prim.IsA(UsdGeom.PointInstancer):
-            found += _instances(UsdGeom.PointInstancer(prim), places, time, notes)
+            found += _instances(UsdGeom.PointInstancer(prim), places, reading, notes)
             prims.PruneChildren()
         elif is_exported(prim):
-            if _is_visible(prim, time, shown=items.shown):
+            if _is_visible(prim, reading, shown=items.shown):
                 try:
                     found.append(_once(prim, places))
                 except StageError as error:
@@ -244,16 +243,16 @@ def _once(prim: Usd.Prim, places: UsdGeom.XformCache) -> Appearance:
 def _instances(
     instancer: UsdGeom.PointInstancer,
     places: UsdGeom.XformCache,
-    time: float | None,
+    reading: StageReading,
     notes: list[str],
 ) -> Iterator[Appearance]:
     """Yield the fields of the prototypes of a point instancer, each with all its visible
     instances."""
     path = instancer.GetPath()
-    if not _is_visible(instancer.GetPrim(), time):
+    if not _is_visible(instancer.GetPrim(), reading):
         notes.append(f"{path}: left out, it is not shown in renders")
         return
-    to_instancer, kinds = _shown(instancer, time)
+    to_instancer, kinds = _shown(instancer, reading.time)
     try:
         to_world = _columns(local_to_world(instancer.GetPrim(), places))
     except StageError as error:
@@ -269,7 +268,7 @@ def _instances(
         for prim in Usd.PrimRange(prototype, _IN_WORLD if is_defined else _IN_PROTOTYPE):
             if prim.IsA(UsdGeom.PointInstancer):
                 notes.append(f"{prim.GetPath()}: point instances of instances are not exported")
-            elif is_exported(prim) and _is_visible(prim, time, prototype):
+            elif is_exported(prim) and _is_visible(prim, reading, prototype):
                 try:
                     inner = local_to_ancestor(prim, prototype, places)
                 except StageError as error:
@@ -303,17 +302,17 @@ def _columns(matrix: object) -> F64:
 
 def _is_visible(
     prim: Usd.Prim,
-    time: float | None,
+    reading: StageReading,
     root: Usd.Prim | None = None,
     shown: frozenset[Sdf.Path] = frozenset(),
 ) -> bool:
-    """Return whether renders show the prim; ancestors of a prototype `root` are ignored, and so is
-    the own visibility of items of LOD roots that are `shown`."""
+    """Return whether a prim is visible and of a purpose that is read; ancestors of a prototype
+    `root` are ignored, and so is the own visibility of items of LOD roots that are `shown`."""
     purpose = ""
     while prim and not prim.IsPseudoRoot():
         imageable = UsdGeom.Imageable(prim)
         if imageable:
-            own = imageable.GetVisibilityAttr().Get(code(time))
+            own = imageable.GetVisibilityAttr().Get(code(reading.time))
             if own == UsdGeom.Tokens.invisible and prim.GetPath() not in shown:
                 return False
             named = imageable.GetPurposeAttr()
@@ -321,4 +320,4 @@ def _is_visible(
         if prim == root:
             break
         prim = prim.GetParent()
-    return not purpose or purpose in _PURPOSES
+    return (purpose or UsdGeom.Tokens.default_) in reading.purposes

@@ -82,6 +82,8 @@ class StageReading:
     """Time code, see `export_capture`."""
     trees: TreeChoice = LEAVES
     """What to read of splat trees."""
+    purposes: tuple[str, ...] = ("default", "render")
+    """Purposes of prims that count as visible."""
 
 
 IMPORT, SEQUENCE, EXPORT = ImportOptions(), SequenceOptions(), ExportOptions()

@@ -14,13 +14,14 @@ from typing import Any
 
 from pxr import Sdf, Tf, Usd, UsdGeom
 
+from usdsplat.core.cancel import CancelToken
 from usdsplat.delegate.engine import Engine
 from usdsplat.interchange.provenance import KEY
 from usdsplat.kernels.device import CpuDevice
 from usdsplat.preview import boxes
 from usdsplat.preview.compiling import telling
 from usdsplat.preview.display import Display
-from usdsplat.preview.drawing import Drawing, wanted_always
+from usdsplat.preview.drawing import Drawing
 from usdsplat.preview.scenes import Scenes
 from usdsplat.preview.sides import Shown
 from usdsplat.preview.sources import Sources
@@ -76,10 +77,12 @@ class Document:
         )
         self._thread = threading.get_ident()
         self._change: StageChanged | None = None
+        self._changes = 0
+        """Number of changes of the stage, by anyone."""
         self._notice = Tf.Notice.Register(Usd.Notice.ObjectsChanged, self._note_change, stage)
         self._overlays = OverlayFinder(stage)
         display = Display(CpuDevice(threads=threads))  # pictures are in host memory already
-        self._drawing = Drawing(self._scenes, display)
+        self._drawing = Drawing(self._scenes, display, lambda: self._changes)
 
     @property
     def shown(self) -> Shown | None:
@@ -103,7 +106,7 @@ class Document:
                 axes_are_assumed=self._axes("frame_source") == "assumed",
             )
 
-    def draw(self, state: ViewState, is_wanted: Callable[[], bool] = wanted_always) -> bool:
+    def draw(self, state: ViewState, cancel: CancelToken | None = None) -> bool:
         """Draw a new picture and publish it.
 
         A picture does not wait for the nodes of splat trees: `wake` is called when some were read,
@@ -113,8 +116,7 @@ class Document:
 
         Args:
             state: State of the viewport.
-            is_wanted: Called between the stages of the picture; False ends it, and nothing is
-                published.
+            cancel: Ends the picture after its current stage; nothing is published then.
 
         Returns:
             Whether to call this again at once, for a picture of higher quality, or to prepare the
@@ -131,7 +133,7 @@ class Document:
                 self.simulation.look()
             self.publish(change)
         with telling(self.publish):
-            picture = self._drawing.draw(state, self.lock, self._overlays.find, is_wanted=is_wanted)
+            picture = self._drawing.draw(state, self.lock, self._overlays.find, cancel=cancel)
         if picture is None:
             return False
         self.publish(picture)
@@ -147,10 +149,7 @@ class Document:
         """
         still, before = replace(state, is_moving=False), self.shown
         with telling(self.publish):
-            while True:
-                picture = self._drawing.draw(still, self.lock, self._overlays.find, waits=True)
-                if picture is None or picture.is_final:
-                    break
+            self._drawing.draw(still, self.lock, self._overlays.find, is_still=True)
         found = self.shown
         assert found is not None
         self._drawing.put_back(before)
@@ -212,6 +211,7 @@ class Document:
 
         Changes by a simulation, which writes in a separate thread, are not recorded as edits:
         panels would query all the time."""
+        self._changes += 1
         if threading.get_ident() != self._thread:
             return
         others = any(path.IsAbsoluteRootOrPrimPath() for path in notice.GetResyncedPaths())

@@ -6,10 +6,11 @@ that comes from scene or stage.
 lock.
 3. Images for display are made of the AOVs. The two sides of a comparison are joined.
 
-A picture in progress that is no longer wanted ends after its current stage.
+A picture that is cancelled ends after its current stage; on the CPU, within long stages too.
 
 Pictures of a viewport do not wait until the nodes of splat trees are read: coarser ones are drawn
-in their place, and the picture is drawn again when some were read.
+in their place, and the picture is drawn again when some were read. Stills wait, and no budget
+limits them.
 
 AOVs are cached, so that a change of exposure, wipe or channel needs no new drawing.
 """
@@ -25,12 +26,13 @@ from typing import Any
 
 import numpy as np
 
+from usdsplat.core.cancel import Cancelled, CancelToken
 from usdsplat.delegate.engine import Engine
 from usdsplat.delegate.render_buffer import Pixels
 from usdsplat.kernels.compiling import compile_time
 from usdsplat.preview.display import Display, needed
 from usdsplat.preview.overlays import Overlays
-from usdsplat.preview.pacing import Load, Pacer, Quality
+from usdsplat.preview.pacing import FULL, Load, Pacer, Quality
 from usdsplat.preview.scenes import Scene, Scenes
 from usdsplat.preview.sides import Job, Shown, Side, cut_of, job_of, view_of
 from usdsplat.preview.tree_levels import Levels
@@ -46,15 +48,6 @@ ONCE = ("lay out",)
 FindOverlays = Callable[[Engine, ViewState], Overlays]
 
 
-class _Unwanted(Exception):
-    """Signal that a picture in progress is no longer wanted."""
-
-
-def wanted_always() -> bool:
-    """Return True: the picture is wanted, whatever happens meanwhile."""
-    return True
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class _Drawn:
     arrays: Mapping[str, Pixels]
@@ -62,10 +55,17 @@ class _Drawn:
 
 
 class Drawing:
-    """Drawing of all pictures of one viewport of one stage."""
+    """Drawing of all pictures of one viewport of one stage.
 
-    def __init__(self, scenes: Scenes, display: Display) -> None:
+    Args:
+        scenes: The engines of the viewport.
+        display: Makes images for display.
+        changes: Function that returns the number of changes of the stage so far, at any time code.
+    """
+
+    def __init__(self, scenes: Scenes, display: Display, changes: Callable[[], int]) -> None:
         self._scenes = scenes
+        self._changes = changes
         self._pacer = Pacer()
         self._display = display
         self._drawn: dict[tuple[Any, ...], _Drawn] = {}
@@ -78,8 +78,8 @@ class Drawing:
         """Number of reads of nodes when it was begun."""
         self._prepared: tuple[Any, ...] = ()
         """Scenes and budget for which the next movement is prepared."""
-        self._reads_stage = False
-        """Whether the last picture needed other time codes of the stage too, for motion."""
+        self._changed = 0
+        """Number of changes of the stage before the last picture, which may show other times."""
         self.shown: Shown | None = None
         """The last picture, and what it was made from."""
 
@@ -100,18 +100,19 @@ class Drawing:
         lock: threading.RLock,
         overlays: FindOverlays,
         *,
-        waits: bool = False,
-        is_wanted: Callable[[], bool] = wanted_always,
+        is_still: bool = False,
+        cancel: CancelToken | None = None,
     ) -> Picture | None:
         """Return the next picture; None if the last one is still valid and of the same quality, or
-        the next one was no longer wanted before it was finished.
+        the next one was cancelled.
 
         Args:
             state: State of the viewport.
             lock: Held while the stage is read.
             overlays: Function that returns what is drawn over the picture of a state.
-            waits: Whether to wait until the nodes of splat trees are read.
-            is_wanted: Called between the stages of a picture; False ends it.
+            is_still: Whether it is drawn in full at once, however long that takes, and waits until
+                the nodes of splat trees are read.
+            cancel: Ends the picture after its current stage.
 
         Raises:
             UsdSplatError: If something that the state requests cannot be drawn.
@@ -127,27 +128,32 @@ class Drawing:
                 self._forget_closed()
             found = overlays(scenes[0].engine, state)
             warnings = _told(scenes[0].engine)
-            wanted = (replace(state, is_moving=False), *(s.place for s in scenes), found, warnings)
-            quality = self._quality(state, wanted, scenes)
-            jobs = [job_of(state, scene, quality, waits=waits) for scene in scenes]
+            wanted = _key(state, scenes, found, warnings)
+            quality = FULL if is_still else self._quality(state, wanted, scenes)
+            jobs = [job_of(state, scene, quality, waits=is_still) for scene in scenes]
             reads_stage = any(job.reads_stage for job in jobs)
             reads = _reads(scenes)
-            is_finer = self._missing and (waits or reads != self._reads)
+            is_finer = self._missing and (is_still or reads != self._reads)
+            if reads_stage:
+                self._scenes.author()
+            changes = self._changes()
             is_same = wanted == self._wanted and not is_finer
-            if is_same and not reads_stage and self._is_shown(state, quality):
+            is_same = is_same and not (reads_stage and changes != self._changed)
+            if is_same and self._is_shown(state, quality):
                 self._prepare(state, scenes)
                 return None
             synced = time.perf_counter()
-            if reads_stage:
-                self._scenes.author()
-            else:
+            if not reads_stage:
                 holding.close()
             self._wanted = None
             try:
                 with compile_time() as compiled:
-                    new = self._render(jobs, is_wanted)
-            except _Unwanted:
+                    new = self._render(jobs, cancel)
+            except Cancelled:
                 return None
+            if reads_stage:  # the engines went to other times and came back: other versions
+                scenes = self._scenes.synced(state)
+                wanted = _key(state, scenes, found, warnings)
         sides = [
             Side(scene=job.scene, view=job.view, arrays=self._drawn[job.key].arrays) for job in jobs
         ]
@@ -185,18 +191,15 @@ class Drawing:
             overlays=found,
             warnings=warnings,
         )
-        self._wanted, self._reads_stage = wanted, reads_stage
+        self._wanted, self._changed = wanted, changes
         self.shown = Shown(picture=picture, quality=quality, sides=tuple(sides))
         return picture
 
     @property
     def is_prepared(self) -> bool:
-        """Whether a further call of `draw` would not make the next movement begin faster.
-
-        A picture that read the stage at other times would be drawn again by that call.
-        """
+        """Whether a further call of `draw` would not make the next movement begin faster."""
         shown = self.shown
-        if shown is None or shown.picture.state.is_moving or self._reads_stage:
+        if shown is None or shown.picture.state.is_moving:
             return True
         scenes = tuple(side.scene for side in shown.sides)
         return self._prepared == self._preparation(shown.picture.state, scenes)
@@ -242,17 +245,12 @@ class Drawing:
             return False
         return self.shown.quality.is_at_least(quality)
 
-    def _render(self, jobs: list[Job], is_wanted: Callable[[], bool]) -> list[FrameStats]:
+    def _render(self, jobs: list[Job], cancel: CancelToken | None) -> list[FrameStats]:
         """Draw the sides that are not cached, and return the statistics of these drawings.
 
         Raises:
-            _Unwanted: If they are no longer wanted.
+            Cancelled: If they are no longer wanted.
         """
-
-        def check() -> None:
-            if not is_wanted():
-                raise _Unwanted
-
         asked: dict[tuple[Any, ...], tuple[Job, tuple[str, ...]]] = {}
         for job in jobs:
             before = asked[job.key][1] if job.key in asked else ()
@@ -264,7 +262,7 @@ class Drawing:
             lasts = have is not None and not (job.reads_stage or have.stats.missing)
             if have is None or not lasts or not set(aovs) <= have.arrays.keys():
                 engine = job.scene.engine
-                arrays = engine.picture(job.view, job.settings, aovs, sync=False, check=check)
+                arrays = engine.picture(job.view, job.settings, aovs, sync=False, cancel=cancel)
                 have = _Drawn(arrays, engine.stats)
                 new.append(have.stats)
             self._drawn[key] = have
@@ -301,6 +299,13 @@ class Drawing:
             rest = sum(milliseconds.values()) - fixed - once + display
             self._pacer.drew(quality, load, fixed=fixed, rest=rest)
         self._is_warm = True
+
+
+def _key(
+    state: ViewState, scenes: tuple[Scene, ...], found: Overlays, warnings: tuple[str, ...]
+) -> tuple[Any, ...]:
+    """Return what a picture shows, in whatever quality."""
+    return replace(state, is_moving=False), *(each.place for each in scenes), found, warnings
 
 
 def _told(engine: Engine) -> tuple[str, ...]:

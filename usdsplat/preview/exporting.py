@@ -6,9 +6,11 @@ from pathlib import Path
 
 from usdsplat import formats
 from usdsplat.core.findings import Finding
-from usdsplat.interchange.exporting import export_capture
+from usdsplat.interchange.exporting import export_stage
 from usdsplat.interchange.files import SUFFIXES, is_usd
+from usdsplat.interchange.options import StageReading
 from usdsplat.interchange.repacking import repack
+from usdsplat.interchange.reports import ExportReport
 from usdsplat.preview.document import Document
 from usdsplat.preview.saving import check_not_read
 from usdsplat.preview.values import ViewState
@@ -22,10 +24,9 @@ def suffixes() -> tuple[str, ...]:
 def export_seen(document: Document, state: ViewState, path: Path | str) -> str:
     """Write the visible splats, with the edits of the session; a task for a session.
 
-    A capture has the visible fields at the time of the viewport, in world space, except those of
-    purpose proxy or guide, whichever the viewport shows; crops and grades are not applied to it, as
-    captures have none. A USD file is the whole stage in one layer, which
-    keeps them, and its animation.
+    A capture has the visible fields of the purposes that the viewport shows, at its time and in
+    world space; crops and grades are not applied to it, as captures have none. A USD file is the
+    whole stage in one layer, which keeps them, and its animation.
 
     Args:
         document: Document of the stage.
@@ -47,7 +48,9 @@ def export_seen(document: Document, state: ViewState, path: Path | str) -> str:
     if is_usd(path):
         packed = repack(document.stage, path, form="float", flatten=True)
         return _sentence(path, packed.splats, packed.findings)
-    written = export_capture(document.stage, path, time=state.time)
+    reading = StageReading(time=state.time, purposes=state.purposes)
+    written = export_stage(document.stage, path, reading)
+    assert isinstance(written, ExportReport)
     return _sentence(path, written.splats, written.findings)
 
 

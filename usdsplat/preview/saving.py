@@ -12,6 +12,7 @@ from contextlib import suppress
 from dataclasses import fields, replace
 from pathlib import Path
 
+from usdsplat.core.cancel import Cancelled, CancelToken
 from usdsplat.core.errors import UsageError
 from usdsplat.core.progress import Progress, silent
 from usdsplat.images import ColorMode
@@ -24,7 +25,6 @@ from usdsplat.preview.sides import Shown, Side
 from usdsplat.preview.sources import files_of_capture
 from usdsplat.preview.values import DisplaySettings, ViewState
 from usdsplat.products import movie
-from usdsplat.products.cancel import Cancelled, CancelToken
 from usdsplat.products.display_image import FORMATS, check_suffix, save_image
 from usdsplat.products.drawing import write_picture
 from usdsplat.products.header import Origin, labelled_layout, picture_header

@@ -15,10 +15,11 @@ import logging
 import threading
 from collections import deque
 from collections.abc import Callable
-from functools import partial
 from typing import Any, TypeVar
 
+from usdsplat.core.cancel import CancelToken
 from usdsplat.core.errors import UsdSplatError
+from usdsplat.core.freed import return_freed_memory
 from usdsplat.preview.compiling import telling
 from usdsplat.preview.document import Document
 from usdsplat.preview.values import Event, Problem, ViewState
@@ -51,6 +52,10 @@ class Session:
         self._state: ViewState | None = None
         self._is_stale = True
         self._is_closing = False
+        self._picture = CancelToken()
+        self._is_resting = False
+        """Whether the picture in progress is of a view at rest, which a movement cancels. Pictures
+        of movements are fast, and each is finished, or a steady movement would show none."""
         self._listeners: tuple[Listener, ...] = ()
         self._news: deque[Event] = deque()
         self._owner = 0
@@ -80,6 +85,8 @@ class Session:
         """Set the view state; an earlier one that is not drawn yet is dropped."""
         with self._changed:
             self._state = state
+            if state.is_moving and self._is_resting:
+                self._picture.cancel()
             self._wake()
 
     def ask(
@@ -115,6 +122,7 @@ class Session:
         """End the session and release the document; waiting tasks are dropped."""
         with self._changed:
             self._is_closing = True
+            self._picture.cancel()
             self._tasks.clear()
             self._changed.notify_all()
         if self._thread.is_alive() and self._thread is not threading.current_thread():
@@ -143,32 +151,24 @@ class Session:
             return self._document is not None or self._drop()
         with self._changed:
             task = self._tasks.popleft() if self._tasks else None
-            state = self._state
+            state = None if self._is_closing else self._state
             if task is None:
                 self._is_stale = False
+                self._picture = cancel = CancelToken()
+                self._is_resting = state is not None and not state.is_moving
         if task is not None:
             self._do(self._document, *task)
             return True
         if state is None:
             return False
         try:
-            more = self._document.draw(state, partial(self._wants, state))
+            more = self._document.draw(state, cancel)
         except UsdSplatError as error:
             self._publish(Problem(sentence=str(error), of_picture=True))
             more = False
         return more or self.has_work
 
     # --- private ---------------------------------------------------------------------------
-
-    def _wants(self, state: ViewState) -> bool:
-        """Return whether a picture in progress is wanted still.
-
-        A movement ends that of a view at rest. Its own pictures are fast, and each is finished, or
-        a steady movement would show none.
-        """
-        now = self._state
-        has_begun = now is not None and now.is_moving and not state.is_moving
-        return not (has_begun or self._is_closing)
 
     def _run(self) -> None:
         with self._changed:
@@ -214,6 +214,7 @@ class Session:
         self._has_failed = True
         if document is not None:
             document.close()
+            return_freed_memory()
 
     def _do(
         self,

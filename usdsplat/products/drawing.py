@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from usdsplat.core.cancel import Cancelled, CancelToken
 from usdsplat.core.findings import Findings
 from usdsplat.core.folders import made_folder
 from usdsplat.core.progress import Progress, silent
@@ -14,7 +15,6 @@ from usdsplat.core.wording import counted
 from usdsplat.delegate.engine import Engine
 from usdsplat.images.deep_aovs import ALWAYS
 from usdsplat.products import remarks
-from usdsplat.products.cancel import Cancelled, CancelToken
 from usdsplat.products.deep import DeepReport, draw_deep
 from usdsplat.products.flat import draw_flat
 from usdsplat.products.header import Origin, labelled_layout

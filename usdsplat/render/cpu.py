@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from usdsplat.kernels.device import Device
+from usdsplat.core.cancel import CancelToken
+from usdsplat.kernels.cancellable import CancellableCpu
+from usdsplat.kernels.device import CpuDevice, Device
 from usdsplat.render.frame_buffers import FrameBuffers
 from usdsplat.render.frame_stats import FrameStats
 from usdsplat.render.occluders import Occluders
@@ -17,6 +19,13 @@ class CpuRasterizer:
 
     def __init__(self, device: Device) -> None:
         self.device = device
+
+    def until(self, cancel: CancelToken) -> CpuRasterizer:
+        """Return a rasterizer that launches long kernels in parts, see `Rasterizer.until`; itself
+        for a GPU, where no launch takes long."""
+        if not isinstance(self.device, CpuDevice):
+            return self
+        return CpuRasterizer(CancellableCpu(self.device, cancel))
 
     def draw_color(
         self,

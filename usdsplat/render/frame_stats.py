@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, field
+
+from usdsplat.core.cancel import CancelToken
 
 
 @dataclass(slots=True)
@@ -34,20 +35,16 @@ class FrameStats:
     """Stage -> CPU time [ms]; `wall_ms` has the elapsed time of each stage."""
 
 
-def keep_on() -> None:
-    """Let a picture go on."""
-
-
 class Clock:
     """Stopwatch that adds up the time of each stage.
 
     Args:
-        check: Called after each stage; it raises an error if the picture is not wanted any more.
+        cancel: Ends the picture after the current stage.
     """
 
-    def __init__(self, stats: FrameStats, check: Callable[[], None] = keep_on) -> None:
+    def __init__(self, stats: FrameStats, cancel: CancelToken) -> None:
         self._stats = stats
-        self.check = check
+        self._cancel = cancel
         self.resume()
 
     def resume(self) -> None:
@@ -64,4 +61,4 @@ class Clock:
         ):
             book[stage] = book.get(stage, 0.0) + 1e3 * spent
         self._wall, self._cpu = wall, cpu
-        self.check()
+        self._cancel.check()

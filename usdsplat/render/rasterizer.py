@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from typing import Any, Protocol
 
+from usdsplat.core.cancel import CancelToken
 from usdsplat.kernels.device import Device
 from usdsplat.render.draw_list import DrawList
 from usdsplat.render.frame_buffers import FrameBuffers
@@ -41,6 +42,9 @@ class Rasterizer(Protocol):
     @property
     def device(self) -> Device:
         """The device that draws."""
+
+    def until(self, cancel: CancelToken) -> Rasterizer:
+        """Return this rasterizer for a picture that a token cancels, also within long stages."""
 
     def draw_color(
         self,

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
+from usdsplat.core.cancel import CancelToken
 from usdsplat.core.errors import BackendError, UsageError
 from usdsplat.kernels.device import CpuDevice, Device
 from usdsplat.render import sampling
@@ -19,7 +20,7 @@ from usdsplat.render.deep_samples import DEEP_IDS, DeepSamples
 from usdsplat.render.frame import MOTION, render_deep, render_frame
 from usdsplat.render.frame_buffers import FrameBuffers
 from usdsplat.render.frame_context import FrameContext, Moment, TimeSampler
-from usdsplat.render.frame_stats import Clock, FrameStats, keep_on
+from usdsplat.render.frame_stats import Clock, FrameStats
 from usdsplat.render.lod.nodes import PictureNodes, nodes_of
 from usdsplat.render.occluders import ReadHoldout, remembering
 from usdsplat.render.output import DISPLAY_SPACE, Output
@@ -80,14 +81,14 @@ class _Workspace:
         output: Output,
         holdout: ReadHoldout | None,
         nodes: PictureNodes | None,
-        check: Callable[[], None] = keep_on,
+        cancel: CancelToken | None = None,
     ) -> FrameContext:
         """Return the context of a new picture."""
         stats = FrameStats()
         if nodes is not None:
             stats = FrameStats(of_trees=nodes.cut.splats, missing=nodes.missing)
         return FrameContext(
-            rasterizer=self.rasterizer,
+            rasterizer=self.rasterizer if cancel is None else self.rasterizer.until(cancel),
             surface_cache=self.surface_cache,
             sampler=sampler,
             settings=settings,
@@ -98,7 +99,7 @@ class _Workspace:
             nodes=nodes,
             buffers=self.buffers,
             stats=stats,
-            clock=Clock(stats, check),
+            clock=Clock(stats, cancel or CancelToken()),
         )
 
 
@@ -149,7 +150,7 @@ class Renderer:
         sampler: TimeSampler | None = None,
         holdout: ReadHoldout | None = None,
         band_pixels: int = BAND_PIXELS,
-        check: Callable[[], None] = keep_on,
+        cancel: CancelToken | None = None,
     ) -> Iterator[Band]:
         """Draw the data window of `view`, band by band from the top.
 
@@ -159,7 +160,7 @@ class Renderer:
             sampler: Scene and view at other times, for motion; None for a static scene.
             holdout: External holdout that hides splats and surfaces.
             band_pixels: Approximate number of pixels of a band.
-            check: Called between the stages of the picture; an error that it raises ends it.
+            cancel: Ends the picture after its current stage.
 
         Raises:
             UsageError: If an AOV is unknown, the view has no area, or the OCIO view does not exist.
@@ -180,7 +181,7 @@ class Renderer:
             output = _output(workspace.device, settings, blend_space, view)
             nodes = nodes_of(scene, sampler or still, settings, _plan(settings, view.camera))
             frame = workspace.frame(
-                sampler or still, settings, aovs, blend_space, output, holdout, nodes, check
+                sampler or still, settings, aovs, blend_space, output, holdout, nodes, cancel
             )
             drawn = render_frame(frame, view.camera, screen, band_pixels)
             for band in itertools.islice(drawn, taken, None):

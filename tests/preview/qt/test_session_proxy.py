@@ -34,7 +34,7 @@ class Quiet:
     def opened(self) -> Opened:
         return OPENED
 
-    def draw(self, state: ViewState, is_wanted: object = None) -> bool:
+    def draw(self, state: ViewState, cancel: object = None) -> bool:
         return False
 
     def close(self) -> None:

@@ -49,7 +49,7 @@ class FakeDocument:
         """What is in that box."""
         return of_box(self.bounds(paths))
 
-    def draw(self, state: ViewState, is_wanted: object = None) -> bool:
+    def draw(self, state: ViewState, cancel: object = None) -> bool:
         """One picture for each state."""
         if self.states and state == self.states[-1]:
             return False

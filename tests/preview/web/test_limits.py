@@ -11,10 +11,10 @@ from websockets.exceptions import ConnectionClosed
 from tests.preview.web.wire import PATIENCE, Host
 from usdsplat.preview.web.commands import MOST_BOOKMARKS
 from usdsplat.preview.web.link import MOST_UNDER_WAY
+from usdsplat.preview.web.pages import MOST_WAITING
 from usdsplat.preview.web.questions import MOST_ROWS
 from usdsplat.preview.web.server import MOST_PAGES
 from usdsplat.preview.web.session_proxy import MOST
-from usdsplat.preview.web.stream import MOST_WAITING
 
 
 def test_a_page_that_acknowledges_nothing_gets_few_frames(host: Host) -> None:

@@ -14,6 +14,7 @@ from typing import Any, cast
 
 import pytest
 
+from usdsplat.core.cancel import Cancelled
 from usdsplat.core.errors import UsageError
 from usdsplat.preview.timeline import Timeline
 from usdsplat.preview.values import ViewState
@@ -21,7 +22,6 @@ from usdsplat.preview.web import recording
 from usdsplat.preview.web.pages import Page
 from usdsplat.preview.web.recording import MOST_FRAMES, Recording
 from usdsplat.preview.web.session_proxy import SessionProxy
-from usdsplat.products.cancel import Cancelled
 
 
 def test_a_range_that_is_too_long_is_refused_at_once() -> None:

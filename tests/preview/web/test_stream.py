@@ -12,7 +12,6 @@ import pytest
 from tests.preview.web.pictures import scenery
 from tests.preview.web.simulated_link import SimulatedLink
 from usdsplat.core.errors import UsageError
-from usdsplat.preview.web import stream
 from usdsplat.preview.web.stream import (
     FIRST,
     MOST_DOWNLOADS,
@@ -133,25 +132,19 @@ def test_a_file_arrives_whole_and_pictures_precede_it() -> None:
     assert {head["size"] for head in heads} == {len(data)}
 
 
-def test_few_files_wait(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Oracle: the limits, of files and of bytes; what is accepted arrives, in order, and a file
-    that is larger than the limit may be sent alone."""
-    monkeypatch.setattr(stream, "MOST_WAITING", 10)
-    sizes = (20, 1, *(2 for _ in range(MOST_DOWNLOADS)))
+def test_few_files_wait() -> None:
+    """Oracle: the limit; what is accepted arrives, in order."""
     made = [
-        Download(name=f"{number}", encoding="image/png", data=bytes(size))
-        for number, size in enumerate(sizes)
+        Download(name=f"{number}", encoding="image/png", data=bytes(2))
+        for number in range(MOST_DOWNLOADS + 1)
     ]
     pictures = PictureStream()
-    pictures.send(made[0])
-    with pytest.raises(UsageError, match="1: found 1 files with 20 bytes"):
-        pictures.send(made[1])
-    assert sent(pictures) == ["0"] and pictures.waiting == 0
-    for each in made[2:]:
+    for each in made[:-1]:
         pictures.send(each)
-    with pytest.raises(UsageError, match=f"found {MOST_DOWNLOADS} files with 8 bytes"):
-        pictures.send(made[1])
-    assert sent(pictures) == ["2", "3", "4", "5"]
+    assert pictures.waiting == 2 * MOST_DOWNLOADS
+    with pytest.raises(UsageError, match=f"{MOST_DOWNLOADS}: found {MOST_DOWNLOADS} files"):
+        pictures.send(made[-1])
+    assert sent(pictures) == [each.name for each in made[:-1]] and pictures.waiting == 0
 
 
 def sent(pictures: PictureStream) -> list[str]:

@@ -8,10 +8,12 @@ import zipfile
 from io import BytesIO
 
 import pytest
-from pxr import Usd, UsdGeom
+from pxr import Usd, UsdGeom, UsdLux
 
 from tests.delegate.stages import random_cloud, two_fields
 from tests.products.page.pages import moving_stage, parsed, still_stage
+from tests.sim.stage.scenes import LIVELY, save_shot
+from tests.sim.stage.stages import SIM
 from usdsplat import convert, export_capture, formats, schema
 from usdsplat.core.edits import parsed as edit_of
 from usdsplat.core.errors import (
@@ -26,6 +28,7 @@ from usdsplat.interchange.lod import LodOptions, build_tree
 from usdsplat.interchange.options import ExportOptions, ImportOptions
 from usdsplat.products.page import PageRequest, is_page, write_page, writing
 from usdsplat.products.page.document import VIEWER, VIEWER_FILES
+from usdsplat.sim.stage.simulating import SimulateOptions, simulate
 
 
 @pytest.fixture
@@ -145,6 +148,33 @@ def test_moving_splats_and_surfaces_are_noted(tmp_path):
     )
     notes = write_page(stage, tmp_path / "c.html", export=ExportOptions(time=4.0)).notes
     assert "frame 4" in notes[0]
+
+
+def test_lights_are_noted(tmp_path):
+    """Oracle: their number by hand: a sun, a lamp, and a mesh that shines."""
+    stage = still_stage()
+    UsdLux.DistantLight.Define(stage, "/Sun")
+    UsdLux.RectLight.Define(stage, "/Lamp")
+    assert write_page(stage, tmp_path / "a.html").notes == (
+        "the page has the captured light, without 2 lights",
+    )
+    UsdLux.MeshLightAPI.Apply(UsdGeom.Mesh.Define(stage, "/Neon").GetPrim())
+    assert write_page(stage, tmp_path / "b.html").notes == (
+        "the page has only splats, without 1 surface",
+        "the page has the captured light, without 3 lights",
+    )
+
+
+def test_a_simulation_is_noted_until_it_is_baked(tmp_path):
+    """Oracle: the stage: with its simulation alone, and with the bake over it."""
+    shot = save_shot(tmp_path, LIVELY)
+    found = [each for each in write_page(shot, tmp_path / "a.html").notes if "simulation" in each]
+    assert len(found) == 1 and f"simulation {SIM}, which is not baked" in found[0]
+    bake = tmp_path / "baked" / "bake.usda"
+    bake.parent.mkdir()
+    simulate(Usd.Stage.Open(str(shot)), bake, (1.0, 2.0), SimulateOptions())
+    notes = write_page(bake, tmp_path / "b.html").notes
+    assert not [each for each in notes if "simulation" in each]
 
 
 @pytest.mark.parametrize(

@@ -14,6 +14,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
+from usdsplat.core.cancel import CancelToken
 from usdsplat.core.errors import UsdSplatError
 from usdsplat.preview import exporting, saving
 from usdsplat.preview.document import Document
@@ -27,7 +28,6 @@ from usdsplat.preview.qt.picture_dialogs import (
 )
 from usdsplat.preview.stage_model import saving as stage_saving
 from usdsplat.preview.values import ViewState
-from usdsplat.products.cancel import CancelToken
 
 USD = "USD layers (*.usda *.usd *.usdc)"
 BAKES = "USD layers (*.usda)"

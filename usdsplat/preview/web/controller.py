@@ -35,11 +35,10 @@ from usdsplat.preview.values import (
 from usdsplat.preview.viewer import Viewer
 from usdsplat.preview.web import messages as m
 from usdsplat.preview.web.commands import apply
-from usdsplat.preview.web.pages import Page, Pages
+from usdsplat.preview.web.pages import MOST_WAITING, Page, Pages
 from usdsplat.preview.web.questions import answer, overrun
 from usdsplat.preview.web.recording import Recording
 from usdsplat.preview.web.session_proxy import SessionProxy
-from usdsplat.preview.web.stream import MOST_WAITING
 
 GLIDE = 0.25
 """Duration of a camera move when something is framed [s]."""
@@ -136,7 +135,7 @@ class WebController:
             self._pages.take_over(page)
             self._pass_on()
         elif isinstance(message, m.Look):
-            answer(message, page, proxy=self._proxy, viewer=self._viewer)
+            answer(message, page, pages=self._pages, proxy=self._proxy, viewer=self._viewer)
         elif isinstance(message, m.EndRecord):
             if self._recording is not None and self._recording.page is page:
                 self._recording.cancel()

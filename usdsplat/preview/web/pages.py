@@ -10,7 +10,13 @@ from __future__ import annotations
 
 from itertools import count
 
+from usdsplat.core.errors import UsageError
 from usdsplat.preview.web.outbox import Outbox
+from usdsplat.preview.web.stream import Download
+
+MOST_WAITING = 2**29
+"""Most bytes of files that wait for all pages together; a single file may have more. A recording,
+which takes long, begins only if there is room, and is sent in any case."""
 
 
 class Page:
@@ -46,6 +52,16 @@ class Pages:
     def waiting(self) -> int:
         """Bytes of the files that wait for their pages."""
         return sum(page.outbox.stream.waiting for page in self._open)
+
+    def send(self, page: Page, download: Download) -> None:
+        """Send a page a file, or a sentence if too much waits already for it and the others."""
+        before = self.waiting
+        if before and before + len(download.data) > MOST_WAITING:
+            found = f"files of {before} bytes under way to all viewers"
+            expected = "fewer: save it again when they have arrived"
+            page.outbox.tell("problem", str(UsageError(download.name, found, expected)))
+        else:
+            page.outbox.send(download)
 
     def enter(self, page: Page) -> None:
         """Add a page, which may not do anything yet."""

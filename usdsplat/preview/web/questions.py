@@ -5,6 +5,7 @@ Tasks run in the session's thread; answers go to the page that asked.
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 from usdsplat.core.errors import UsageError, UsdSplatError
@@ -17,7 +18,7 @@ from usdsplat.preview.stage_model.prims import PrimRow, children, search
 from usdsplat.preview.values import ViewState, as_json
 from usdsplat.preview.viewer import Viewer
 from usdsplat.preview.web import messages as m
-from usdsplat.preview.web.pages import Page
+from usdsplat.preview.web.pages import Page, Pages
 from usdsplat.preview.web.session_proxy import SessionProxy
 from usdsplat.preview.web.stream import Download
 
@@ -25,7 +26,9 @@ MOST_ROWS = 200
 """Most prims of an answer."""
 
 
-def answer(message: m.Look, page: Page, *, proxy: SessionProxy, viewer: Viewer) -> None:
+def answer(
+    message: m.Look, page: Page, *, pages: Pages, proxy: SessionProxy, viewer: Viewer
+) -> None:
     """Answer a page's question. Of questions about the same thing the latest matters.
 
     Pages wait for answers about pixels, prims and counts, so these come in any case.
@@ -78,7 +81,7 @@ def answer(message: m.Look, page: Page, *, proxy: SessionProxy, viewer: Viewer) 
             state = viewer.state
             proxy.ask(
                 lambda document: _screenshot(document, state),
-                page.outbox.send,
+                partial(pages.send, page),
                 refuse,
                 key=f"screenshot {page.number}",
                 asker=page,

@@ -13,6 +13,7 @@ import zipfile
 from contextlib import ExitStack
 from pathlib import Path
 
+from usdsplat.core.cancel import CancelToken
 from usdsplat.core.errors import UsageError, UsdSplatError
 from usdsplat.core.scratch import scratch_folder
 from usdsplat.preview.document import Document
@@ -22,7 +23,6 @@ from usdsplat.preview.values import ViewState
 from usdsplat.preview.web.pages import Page
 from usdsplat.preview.web.session_proxy import SessionProxy
 from usdsplat.preview.web.stream import Download
-from usdsplat.products.cancel import CancelToken
 
 MOST_FRAMES = 2000
 """Most frames of a recording."""

@@ -38,8 +38,6 @@ LEAST_PART = 8_000
 """Smallest part [byte]."""
 MOST_DOWNLOADS = 4
 """Most files that wait."""
-MOST_WAITING = 2**29
-"""Most bytes of files that wait; a single file may have more."""
 _EXACT_SIZE = 1.2  # bytes per pixel of an exact picture before the first one
 
 
@@ -135,11 +133,10 @@ class PictureStream:
         """Send a file.
 
         Raises:
-            UsageError: If too many files wait, or too many bytes.
+            UsageError: If too many files wait.
         """
-        count, size = len(self._downloads), self.waiting + len(download.data)
-        if count == MOST_DOWNLOADS or (count and size > MOST_WAITING):
-            found = f"{count} files with {self.waiting} bytes before it"
+        if (count := len(self._downloads)) == MOST_DOWNLOADS:
+            found = f"{count} files before it"
             raise UsageError(download.name, found, "fewer: save it again when they have arrived")
         self._downloads.append(download)
 

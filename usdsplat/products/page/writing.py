@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from pxr import Usd, UsdGeom, UsdVol
+from pxr import Usd, UsdGeom, UsdLux, UsdVol
 
 from usdsplat import formats, schema
 from usdsplat.core.edits import Edit
@@ -42,6 +42,8 @@ from usdsplat.products.page.document import VIEWER, VIEWER_FILES, Document
 from usdsplat.products.page.settings import viewer_settings
 from usdsplat.schema.composition import composition_findings
 from usdsplat.schema.stage_values import in_world, may_move
+from usdsplat.sim.stage.collections import find_simulations, splats
+from usdsplat.sim.stage.provenance import KEY
 
 SUFFIX = ".html"
 INDEX = "index.html"
@@ -315,15 +317,29 @@ class _Work:
                 f"the page shows {when}: the animation of {counted(len(moving), 'field')} is not "
                 "in it"
             )
-        surfaces = sum(map(_is_surface, in_world(self.stage)))
-        if surfaces:
+        everything = list(in_world(self.stage))
+        if surfaces := sum(map(_is_surface, everything)):
             notes.append(f"the page has only splats, without {counted(surfaces, 'surface')}")
+        if lights := sum(prim.HasAPI(UsdLux.LightAPI) for prim in everything):
+            notes.append(f"the page has the captured light, without {counted(lights, 'light')}")
+        for simulation in find_simulations(self.stage):
+            fields, _ = splats(self.stage, simulation)
+            if not all(map(_is_baked, fields)):
+                notes.append(
+                    f"the page has nothing of the simulation {simulation.GetPath()}, which is not "
+                    "baked: bake it, and write the page of the bake"
+                )
         return notes
 
 
 def _is_surface(prim: Usd.Prim) -> bool:
     """Return whether a prim is drawn as something else than splats."""
     return bool(prim.IsA(UsdGeom.Gprim)) and not prim.IsA(UsdVol.ParticleField)
+
+
+def _is_baked(prim: Usd.Prim) -> bool:
+    """Return whether the splats of a prim are those of a bake."""
+    return prim.GetCustomDataByKey(":".join(KEY)) is not None
 
 
 def _moves(prim: Usd.Prim) -> bool:
