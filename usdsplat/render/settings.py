@@ -107,6 +107,12 @@ class RenderSettings:
         "smoother",
         range=(1, 4096),
     )
+    dome_samples: int = knob(
+        128,
+        "number of directions in which the sky of a dome light is looked for; more make its "
+        "shadows smoother, and its brightness does not depend on it",
+        range=(1, 4096),
+    )
     blend_space: Literal["auto", "linear"] = knob(
         "auto",
         "colour space in which splats are blended: auto is the space the captures were trained in, "

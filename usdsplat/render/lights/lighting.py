@@ -2,13 +2,14 @@
 
 Light of splats does not depend on the view. Their sums are kept for each light and field, with
 everything that they depend on, and computed again only if that has changed. Depth maps are kept,
-too, as long as they fit in `KEPT_BYTES`: pixels of surfaces look at them in every band and picture.
+too, as long as they fit in `light_maps.KEPT_BYTES`: pixels of surfaces look at them in every band
+and picture.
 """
 
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -20,11 +21,9 @@ from usdsplat.kernels import lighting, receivers, total
 from usdsplat.kernels.points.curve_order import curve_order
 from usdsplat.render.draw_list import DrawList, Group
 from usdsplat.render.frame_buffers import FrameBuffers
-from usdsplat.render.lights.cameras import LightCamera, bounds_of, cameras_of
-from usdsplat.render.lights.depth_map import DepthMap, draw_depth_map
+from usdsplat.render.lights.light_maps import LightMaps, Maps, Receivers, by_pixel
 from usdsplat.render.lights.needs import is_needed, receives
-from usdsplat.render.lights.sampling import samples_of
-from usdsplat.render.lights.specs import LightSpec, Rules
+from usdsplat.render.lights.specs import LightSpec
 from usdsplat.render.matte import is_matte
 from usdsplat.render.projector import Gains
 from usdsplat.render.rasterizer import Rasterizer
@@ -35,8 +34,6 @@ from usdsplat.render.specs import View
 from usdsplat.render.surface_cache import SurfaceCache
 from usdsplat.render.surfaces import SurfaceBand
 
-KEPT_BYTES = 512 << 20
-"""Maximum size of the depth maps that are kept [byte]."""
 ALL_APPEARANCES = -1
 NO_ROWS: I32 = np.empty(0, np.int32)
 NO_RATIOS: F32 = np.empty((0, 3), np.float32)
@@ -46,10 +43,7 @@ NO_RATIOS: F32 = np.empty((0, 3), np.float32)
 class LightStore:
     """What lighting keeps between pictures."""
 
-    maps: OrderedDict[tuple[bytes, Rules], tuple[Any, DepthMap]] = field(
-        default_factory=OrderedDict
-    )
-    """Light and its casters -> what the map depends on besides, and the map; last used last."""
+    maps: Maps = field(default_factory=OrderedDict)
     sums: dict[tuple[int, str], tuple[Any, Any]] = field(default_factory=dict)
     """First slot of a group and path of a light -> what the sums depend on, and the sums."""
     gains: dict[int, tuple[Any, object, Any]] = field(default_factory=dict)
@@ -104,8 +98,16 @@ class Lighting:
             tuple((path, f.shapes, f.crops, each) for path, f, each in scene.drawn()),
             tuple((path, mesh.spec, each) for path, mesh, each in scene.drawn_meshes()),
             view.catchers,
-            (settings.splat_budget, settings.shadow_resolution, settings.light_samples),
-        )
+            (
+                settings.splat_budget, settings.shadow_resolution, settings.light_samples,
+                settings.dome_samples,
+            ),
+        )  # fmt: skip
+        self._maps = LightMaps(
+            rasterizer=rasterizer, settings=settings, scene=scene, casters=self._casters,
+            catches=self.catches, version=self._version, kept=self._store.maps,
+            meshes=self._store.meshes,
+        )  # fmt: skip
         self._is_shadowed = settings.lighting == "shadowed"
         self.gains, self.ratios = self._of_splats()
 
@@ -153,15 +155,16 @@ class Lighting:
             receivers.place_pixels, screen.view_record(), to_world, band.depth, band.normal,
             band.covered, band.ids, x0, y0, points, normals, prims,
         )  # fmt: skip
-        run(total.clear, _by_pixel(sums))
+        run(total.clear, by_pixel(sums))
         names = self._scene.prims()
         for _, light in sorted(self._scene.named_lights.items()):
             linked = np.array([is_matte(name, light.linked) for name in names], np.uint8)
-            for each in self._maps(light, casts=casts):
-                self._illuminate(
-                    each, light, ALL_APPEARANCES, linked,
-                    (points, normals, lighting.NO_SHAPES, prims), sums,
-                )  # fmt: skip
+            to = Receivers(
+                places=(points, normals, lighting.NO_SHAPES, prims), linked=linked,
+                own=ALL_APPEARANCES, sums=sums,
+                seen=made.seen(height, width) if casts and light.kind == "dome" else None,
+            )  # fmt: skip
+            self._maps.shine(light, [to], casts=casts)
         ratio = made.ratios(height, width) if casts else NO_RATIOS
         if casts:
             none = np.zeros(3, np.float32)
@@ -217,19 +220,20 @@ class Lighting:
             for _, rows in placed
         ]
         for sums in room:
-            self._device.run(total.clear, _by_pixel(sums))
-        for each in self._maps(light, casts=True):
-            for (target, rows), sums in zip(placed, room, strict=True):
-                count = len(target.group.field.spec.cloud)
-                for k, (appearance, receiver) in enumerate(
-                    zip(target.appearances, rows, strict=True)
-                ):
-                    name = self._casters.prims[self._casters.labels[appearance, 0]]
-                    if not is_matte(name, light.linked):
-                        continue
-                    own = ALL_APPEARANCES if self._settings.self_shadows else appearance
-                    part = sums[k * count : (k + 1) * count]
-                    self._illuminate(each, light, own, lighting.ONE_PRIM, receiver, part)
+            self._device.run(total.clear, by_pixel(sums))
+        receivers = []
+        for (target, rows), sums in zip(placed, room, strict=True):
+            count = len(target.group.field.spec.cloud)
+            for k, (appearance, places) in enumerate(zip(target.appearances, rows, strict=True)):
+                name = self._casters.prims[self._casters.labels[appearance, 0]]
+                if not is_matte(name, light.linked):
+                    continue
+                own = ALL_APPEARANCES if self._settings.self_shadows else appearance
+                part = sums[k * count : (k + 1) * count]
+                receivers.append(
+                    Receivers(places=places, linked=lighting.ONE_PRIM, own=own, sums=part)
+                )
+        self._maps.shine(light, receivers, casts=True)
         for (target, version), sums in zip(stale, room, strict=True):
             self._store.sums[target.group.slot, path] = version, sums
 
@@ -276,12 +280,12 @@ class Lighting:
         sums = kept[0][1]
         if len(kept) > 1:
             sums = resident(sums.shape, np.float32)
-            run(total.clear, _by_pixel(sums))
+            run(total.clear, by_pixel(sums))
             for _, each in kept:
                 run(
                     total.add,
-                    _by_pixel(sums),
-                    _by_pixel(each),
+                    by_pixel(sums),
+                    by_pixel(each),
                 )
         count = max(1, sums.shape[0])
         mean = [run(receivers.total, sums, 3 + channel) / count for channel in range(3)]
@@ -291,71 +295,6 @@ class Lighting:
         token = object()
         self._store.gains[slot] = version, token, gains
         return token, gains
-
-    # --- light -----------------------------------------------------------------------------
-
-    def _maps(self, light: LightSpec, *, casts: bool) -> Iterator[DepthMap]:
-        """Yield the depth map of each camera of a light."""
-        bounds = bounds_of(self._scene)
-        for record in samples_of(light, self._settings.light_samples):
-            one = record[None].copy()
-            one["casts"] &= casts
-            for camera in cameras_of(one, bounds, self._settings.shadow_resolution):
-                yield self._map(camera, light)
-
-    def _map(self, camera: LightCamera, light: LightSpec) -> DepthMap:
-        """Return the depth map of a camera, drawn if it is not kept."""
-        maps, key, version = (
-            self._store.maps,
-            (camera.light.tobytes(), light.casters),
-            self._version,
-        )
-        held = maps.get(key)
-        if held is not None and held[0] == version:
-            maps.move_to_end(key)
-            return held[1]
-
-        def casts(path: str) -> bool:
-            return self._casts(path, light)
-
-        for other in [name for name, (before, _) in maps.items() if before != version]:
-            del maps[other]
-        made = draw_depth_map(
-            self._rasterizer, camera, self._scene, self._casters, casts, self._store.meshes
-        )
-        maps[key] = version, made
-        while sum(each.nbytes for _, each in maps.values()) > KEPT_BYTES and len(maps) > 1:
-            maps.popitem(last=False)
-        return made
-
-    def _casts(self, path: str, light: LightSpec) -> bool:
-        """Return whether the prim at a path casts shadows of a light. Shadow catchers stand for
-        what a plate shows already, so they do not."""
-        return is_matte(path, light.casters) and not self.catches(path)
-
-    def _illuminate(
-        self,
-        each: DepthMap,
-        light: LightSpec,
-        own: int,
-        linked: Any,
-        receiver: tuple[Any, ...],
-        sums: Any,
-    ) -> None:
-        """Add the light of one camera to receivers."""
-        points, normals, shapes, prims = receiver
-        names = self._casters.prims
-        numbers = self._casters.labels[:, 0].tolist()
-        casts = np.array([self._casts(names[number], light) for number in numbers], np.uint8)
-        self._device.run(
-            lighting.illuminate, each.light, points, normals, shapes, prims, linked, own,
-            each.world_to_screen, each.views, (*each.splats, casts), each.tiles, each.depths, sums,
-        )  # fmt: skip
-
-
-def _by_pixel(sums: Any) -> Any:
-    """Return sums of n receivers in the shape of a picture with a column, (n, 1, SUMS)."""
-    return sums.reshape((sums.shape[0], 1, lighting.SUMS))
 
 
 def _appearances(casters: DrawList, layout: DrawList) -> dict[int, list[int]]:
