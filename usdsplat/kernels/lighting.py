@@ -27,7 +27,6 @@ from .jit import scalar
 from .launch import kernel
 from .position import apply, unproject
 from .project import HALF_HEIGHT, HALF_WIDTH, LOG_CUTOFF, LOG_OPACITY, RECORD, A, B, C, U, V
-from .radiance import harmonics
 from .ray_hit import CENTER, GX, GY, HX, HY, HZ, REACH, ray_hit_at, row_at
 
 SPREAD = 7
@@ -36,8 +35,6 @@ HALF_BOX = 0.5
 """Squared half diagonal of a pixel, by which splats are enlarged for their tile lists [pixel²]."""
 SUMS = 6
 """Floats of the sums of a receiver: irradiance times visibility, then irradiance; r g b each."""
-DOME_DEGREE = 4
-"""Degree of the harmonics of the light of domes."""
 MEAN_COSINE = np.float32(0.25)
 """Mean of max(0, cosine) over all directions."""
 OPAQUE = np.float32(5e-4)
@@ -390,38 +387,3 @@ def illuminate(
     sums[i, 3] += red
     sums[i, 4] += green
     sums[i, 5] += blue
-
-
-@kernel(over="normals", writes=("sums",))
-def add_dome(i, mean, ratios, normals, prims, lit, seen, sums):
-    """Add the light of a dome without its peaks to a receiver.
-
-    Its irradiance is that of the whole sky, by harmonics. Directions of the sky only say which part
-    of it arrives, so that their number does not change the brightness.
-
-    Args:
-        mean: Mean of the light over all normals, r g b, shape (3,) f32.
-        ratios: Harmonics of the ratio of the light to this mean, see `radiance.harmonics`, shape
-            (25, 3) f32.
-        normals, prims, lit: See `illuminate`.
-        seen: Sums of `illuminate` over directions of the sky, shape (n, SUMS) f32; empty if all of
-            it is visible.
-        sums: Changed in place, shape (n, SUMS) f32.
-    """
-    prim = 0
-    if prims.shape[0] > 0:
-        prim = prims[i]
-    if prim < 0 or lit[prim] == 0:
-        return
-    x, y, z, confidence = normals[i, 0], normals[i, 1], normals[i, 2], normals[i, 3]
-    one = np.float32(1)
-    for c in range(3):
-        light = mean[c]
-        if confidence > np.float32(0):
-            ratio = harmonics(ratios, c, DOME_DEGREE, x, y, z)
-            light *= confidence * ratio + (one - confidence)
-        part = one
-        if seen.shape[0] > 0 and seen[i, 3 + c] > np.float32(0):
-            part = min(one, seen[i, c] / seen[i, 3 + c])
-        sums[i, c] += light * part
-        sums[i, 3 + c] += light

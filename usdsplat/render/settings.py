@@ -77,11 +77,11 @@ class RenderSettings:
         unit="s",
         range=(0.0, 1e6),
     )
-    lighting: Literal["captured", "shadowed"] = knob(
+    lighting: Literal["captured", "shadowed", "relit"] = knob(
         "captured",
         "light of splats: captured shows them as they were photographed; shadowed darkens them "
         "where other prims stand between them and the lights of the stage, and surfaces cast and "
-        "receive shadows",
+        "receive shadows; relit also replaces the light of the photographs by that of the stage",
     )
     ambient: float = knob(
         0.2,

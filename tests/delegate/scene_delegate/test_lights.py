@@ -302,3 +302,30 @@ def test_mistakes_of_a_dome_are_findings(tmp_path, attribute, value, code, sente
         sky.GetPrim().SetActive(False)
         engine.sync()
         assert engine.findings == ()
+
+
+def test_a_hidden_light_is_read_if_a_field_names_it_as_that_of_its_photographs() -> None:
+    """Oracle: the relationship; edits of it and of the light are seen, and it lights nothing."""
+    stage = Usd.Stage.CreateInMemory()
+    prim = schema.author(stage, "/Splats", procedural_capture(2000))
+    sky = UsdLux.DomeLight.Define(stage, "/Set")
+    sky.MakeInvisible()
+    with Engine(stage) as engine:
+        scene = engine.render_scene
+        assert scene.light("/Set") is None
+        names = prim.CreateRelationship("splat:lighting:captured", custom=False)
+        names.SetTargets(["/Set"])
+        engine.sync()
+        assert scene.visible_fields()[0].spec.captured_lights == ("/Set",)
+        assert scene.light("/Set") is not None and scene.lights == ()
+        sky.CreateIntensityAttr(3.0)
+        engine.sync()
+        assert scene.light("/Set").radiance == (3.0, 3.0, 3.0)
+        sky.MakeVisible()
+        engine.sync()
+        assert len(scene.lights) == 1
+        sky.MakeInvisible()
+        names.ClearTargets(True)
+        engine.sync()
+        assert scene.light("/Set") is None
+        assert scene.visible_fields()[0].spec.captured_lights == ()

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 
 from pxr import Usd, UsdGeom
 
+from usdsplat import schema
 from usdsplat.core.findings import Finding
 from usdsplat.delegate.scene_delegate.domes import Skies
 from usdsplat.delegate.scene_delegate.lights import read_light
@@ -18,24 +20,33 @@ class LightReader:
 
     def __init__(self) -> None:
         self._skies = Skies()
+        self._named: frozenset[str] = frozenset()
         self.remarks: tuple[Finding, ...] = ()
         """Findings on the light that was read last."""
+
+    def rename(self, fields: Iterable[Usd.Prim]) -> frozenset[str]:
+        """Find the lights in which fields were photographed, which are read although they may be
+        hidden. Return those of which this has changed."""
+        before = self._named
+        self._named = frozenset(path for prim in fields for path in schema.captured_lights(prim))
+        return before ^ self._named
 
     def read(
         self, prim: Usd.Prim, time: Usd.TimeCode, cache: UsdGeom.XformCache
     ) -> LightSpec | None:
-        """Read a light at a time; None if it is invisible.
+        """Read a light at a time; None if it is invisible and not that of photographs.
 
         Raises:
             StageError: If its numbers, its transform or its picture are invalid.
         """
         self.remarks = ()
-        if not _is_seen(prim, time):
+        is_on = _is_seen(prim, time)
+        if not is_on and str(prim.GetPath()) not in self._named:
             return None
         sky = None
         if is_dome(prim):
             sky, self.remarks = self._skies.read(prim, time)
-        return read_light(prim, time, cache, sky)
+        return replace(read_light(prim, time, cache, sky), is_on=is_on)
 
     def clear(self) -> None:
         """Release all pictures."""

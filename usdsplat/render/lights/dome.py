@@ -18,7 +18,7 @@ import numpy as np
 from usdsplat.core import sh
 from usdsplat.core.cloud import F32, F64
 from usdsplat.images.texture import LUMINANCE
-from usdsplat.kernels.lighting import DOME_DEGREE
+from usdsplat.kernels.domes import DEGREE
 from usdsplat.render.lights.specs import DomeSky, LightSpec, Peak
 
 ROWS = 64
@@ -130,7 +130,7 @@ def _smooth_light(
     directions = directions_of(ROWS, 2 * ROWS).reshape(-1, 3)
     world = directions @ np.frombuffer(turn).reshape(3, 3).T
     weights = np.broadcast_to(solid_angles(ROWS, 2 * ROWS), (ROWS, 2 * ROWS)).reshape(-1, 1)
-    found = sh.basis(world, DOME_DEGREE).T @ (_grid(grid) * weights)
+    found = sh.basis(world, DEGREE).T @ (_grid(grid) * weights)
     for degree, factor in enumerate(COSINE):
         found[degree * degree : (degree + 1) ** 2] *= factor
     mean = sh.C0 * found[0]

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from usdsplat.core.cloud import F32
-from usdsplat.kernels import lighting, total
+from usdsplat.kernels import domes, lighting, total
 from usdsplat.render.draw_list import DrawList
 from usdsplat.render.lights.cameras import LightCamera, bounds_of, cameras_of
 from usdsplat.render.lights.depth_map import DepthMap, draw_depth_map
@@ -98,7 +98,7 @@ class LightMaps:
         mean, ratios = smooth_light(light)
         for one, sums in zip(receivers, seen, strict=True):
             _, normals, _, prims = one.places
-            device.run(lighting.add_dome, mean, ratios, normals, prims, one.linked, sums, one.sums)
+            device.run(domes.add_dome, mean, ratios, normals, prims, one.linked, sums, one.sums)
 
     def _maps(self, light: LightSpec, samples: int, *, casts: bool) -> Iterator[DepthMap]:
         """Yield the depth map of each camera of a light."""

@@ -28,7 +28,7 @@ def lighting_uses(
     """Return the buffers of a frame that lighting uses, see `memory.buffers_of`."""
     is_lit = is_needed(scene, settings, aovs)
     ratios = is_lit and "shadow" in aovs
-    casts = ratios or settings.lighting == "shadowed"
+    casts = ratios or settings.lighting != "captured"
     meshes = is_lit and bool(scene.drawn_meshes())
     shades = not all(light.is_plain for light in scene.named_lights.values())
     caught = bool(with_catchers(scene, view).catchers)
