@@ -1,7 +1,8 @@
 """Measure pictures of instances of a large splat tree while a camera moves, on the GPU.
 
     python -m benchmarks.lod_cuda [--tree STAGE] [--splats 100e6] [--leaf 65536] [--instances 160]
-        [--device cuda] [--error 1] [--size 1920x1080] [--frames 30] [--json FILE]
+        [--device cuda] [--error 1] [--budget 0] [--samples 2] [--size 1920x1080] [--frames 30]
+        [--json FILE]
 
 Without a stage, the tree is made in memory: a ground that is divided into quarters down to leaves
 of at most `--leaf` splats, whose splats are computed when they are read. Its instances lie side by
@@ -211,6 +212,8 @@ def main(report: Report) -> None:
     parser.add_argument("--instances", type=int, default=160)
     parser.add_argument("--device", default="cuda")
     parser.add_argument("--error", type=float, default=1.0)
+    parser.add_argument("--budget", type=int, default=0, help="most splats of a cut; 0: any")
+    parser.add_argument("--samples", type=int, default=2, help="of coarse levels, along an axis")
     parser.add_argument("--size", default="1920x1080")
     parser.add_argument("--frames", type=int, default=30)
     parser.add_argument("--memory", type=int, default=32768, help="host and device [MiB]")
@@ -225,6 +228,8 @@ def main(report: Report) -> None:
         sorting="zDepth",
         color_mode="display",
         lod_error=options.error,
+        lod_samples=options.samples,
+        splat_budget=options.budget,
         node_memory=options.memory,
         node_lifetime=1e6,
     )

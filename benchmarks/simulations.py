@@ -119,7 +119,8 @@ STRIPS = {
     "coral": Strip(capture="statue_massa.sog", options={"style": "coral"}, turn=205, **GROWING),
     "veins": Strip(capture="pod.spz", options={"style": "veins"}, **GROWING),
     "moss": Strip(
-        capture="guitar.compressed.ply", options={"style": "moss"}, turn=75, **GROWING
+        capture="guitar.compressed.ply", options={"style": "moss"}, turn=75,
+        **{**GROWING, "frames": (1, 4, 7, 12, 48)},
     ),
     "crystals": Strip(capture="statue_angel.sog", options={"style": "crystals"}, **GROWING),
     "lichen": Strip(capture="statue_angel.sog", options={"style": "lichen"}, **GROWING),
@@ -139,11 +140,11 @@ STRIPS = {
         raised=0.35,
     ),
     "morph": Strip(
-        capture="statue_angel.sog", preset="morph", goal="statue_massa.sog",
-        frames=(1, 36, 46, 56, 80),
+        capture="statue_trumpet.sog", preset="morph", goal="statue_massa.sog",
+        frames=(1, 36, 46, 56, 80), turn=205,
     ),
     "dissolve": Strip(
-        capture="statue_trumpet.sog", preset="dissolve", frames=(1, 10, 18, 26, 40), turn=205,
+        capture="statue_trumpet.sog", preset="dissolve", frames=(1, 18, 28, 40, 60), turn=205,
         edit=standing,
     ),
 }  # fmt: skip

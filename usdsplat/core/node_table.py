@@ -67,6 +67,12 @@ class NodeTable:
         return self.proxies + self.residents
 
     @cached_property
+    def captured(self) -> int:
+        """Number of splats of the capture: those of the leaves, and the residents."""
+        leaf = self.child_count == 0
+        return int(self.proxies[leaf].sum() + self.residents.sum())
+
+    @cached_property
     def least(self) -> I64:
         """Number of splats of the smallest cut of the subtree of each node, shape (n,). The table
         must be valid."""

@@ -26,12 +26,13 @@ def view_cuts(
         beside: Number of splats of fields, which take their part of the budget.
     """
     from usdsplat.render.lod.cut import TreeView, choose  # they load Numba
+    from usdsplat.render.lod.placing import Placing
     from usdsplat.render.screen import Screen
 
     views = [
         TreeView(
             table=tree.table,
-            transforms=to_world[None],
+            placings=(Placing(to_world),),
             tangential=tree.drawing.projection_mode == "tangential",
         )
         for tree, to_world in trees

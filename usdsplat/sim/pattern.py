@@ -239,13 +239,16 @@ class Pattern:
         p, device, neighbors = first.parameters, self._device, self._neighbors
         dimension = 3 if p.sim.dimension == "3" else 2
         rest = state.rest_positions
-        state.support = supports.fitted(neighbors, rest, dimension)
+        # normals alone do not need even neighbourhoods, whose fit takes most of a beginning
+        needs_even = self._uses.needs_neighbors or p.rd.domain == "self"
+        steps = supports.STEPS if needs_even else 0
+        state.support = supports.fitted(neighbors, rest, dimension, steps)
         graph = neighbors.update(rest, state.support)
         if p.sim.dimension == "auto":
             _, surfaceness = grown(device, graph, np.zeros_like(rest))
             dimension = manifold_dimension(surfaceness)
             if dimension == 3:
-                state.support = supports.fitted(neighbors, rest, dimension)
+                state.support = supports.fitted(neighbors, rest, dimension, steps)
                 graph = neighbors.update(rest, state.support)
         state.memory[NORMALS] = captured(device, graph, state.rest_rotations, state.rest_scales)
         self.dimension = dimension

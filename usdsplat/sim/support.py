@@ -86,7 +86,7 @@ def fitted(neighbors: Neighbors, positions: F32, dimension: int, steps: int = ST
             nearly.
         positions: [unit], shape (n, 3).
         dimension: 2 or 3.
-        steps: Largest number of control steps.
+        steps: Largest number of control steps; 0 for the first guess.
     """
     support = first_guess(neighbors, positions)
     for _ in range(steps):

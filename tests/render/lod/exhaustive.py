@@ -42,10 +42,10 @@ def all_reached(view, screens, error):
     """Rows (node, instance, error, above, seen, shown, size, parent's row) without a budget."""
     table = view.table
     measures = [
-        NodeMeasure(table, screen, placed, view.tangential)
-        for screen, placed in zip(screens, view.transforms, strict=True)
+        NodeMeasure(table, screen, placing, view.tangential)
+        for screen, placing in zip(screens, view.placings, strict=True)
     ]
-    waiting = [(0, i, np.inf, -1) for i in range(view.transforms.shape[1])]
+    waiting = [(0, i, np.inf, -1) for i in range(len(view.placings[0].transforms))]
     rows = []
     for node, instance, above, parent in waiting:
         found = [each.of(np.array([instance]), np.array([node])) for each in measures]

@@ -12,6 +12,7 @@ from tests.render.lod.visible import visible_nodes
 from tests.render.rendering import lens, view_of
 from usdsplat.render.lod.cut import FADE, TreeView, choose
 from usdsplat.render.lod.measure import NodeMeasure
+from usdsplat.render.lod.placing import Placing
 from usdsplat.render.screen import Screen
 
 
@@ -19,7 +20,7 @@ def placed(*offsets, scale=1.0):
     """Instances beside each other, as one sample sees them."""
     matrices = np.tile(np.diag([scale, scale, scale, 1.0]), (len(offsets), 1, 1))
     matrices[:, :3, 3] = offsets
-    return matrices[None]
+    return (Placing(matrices),)
 
 
 def screen_of(model="perspective"):
@@ -48,7 +49,7 @@ def by_heap(views, screens, error, budget):
     def measure(t, i, node, above):
         found = [
             NodeMeasure(views[t].table, s, m).of(np.array([i]), np.array([node]))
-            for s, m in zip(screens, views[t].transforms, strict=True)
+            for s, m in zip(screens, views[t].placings, strict=True)
         ]
         errors = [float(each.errors[0]) for each in found]
         return min(above, max(errors)), any(bool(each.shown[0]) for each in found)
@@ -64,7 +65,7 @@ def by_heap(views, screens, error, budget):
             heapq.heappush(heap, (-worst, t, i, node))
 
     for t, view in enumerate(views):
-        for i in range(view.transforms.shape[1]):
+        for i in range(len(view.placings[0].transforms)):
             push(t, i, 0, np.inf)
     best = set(cut)
     while heap:
@@ -86,8 +87,8 @@ def by_heap(views, screens, error, budget):
 def test_the_cut_is_that_of_a_heap(seed, budget, model):
     """Oracle: refinement one by one with a heap, of two trees with several instances."""
     views = [
-        TreeView(table=made(seed).table, transforms=placed((0, 0, 0), (1.1, 0.3, -2.0), (9, 9, 0))),
-        TreeView(table=made(seed + 7).table, transforms=placed((-1.2, 0.1, 1.3), scale=1.7)),
+        TreeView(table=made(seed).table, placings=placed((0, 0, 0), (1.1, 0.3, -2.0), (9, 9, 0))),
+        TreeView(table=made(seed + 7).table, placings=placed((-1.2, 0.1, 1.3), scale=1.7)),
     ]
     error = 1.5 if model == "perspective" else 0.6
     cut = choose(views, [screen_of(model)], error=error, budget=budget)
@@ -104,7 +105,7 @@ def test_the_cut_is_that_of_a_heap(seed, budget, model):
 def test_every_leaf_is_covered_exactly_once(budget, fade):
     """Oracle: the definition of a cut, counted leaf by leaf."""
     tree = made(3, leaf=10)
-    view = TreeView(table=tree.table, transforms=placed((0, 0, 0), (0.5, 0, 3.0)))
+    view = TreeView(table=tree.table, placings=placed((0, 0, 0), (0.5, 0, 3.0)))
     cut = choose([view], [screen_of()], error=1.0, budget=budget)
     drawn = cut.trees[0].above_error(cut.error_at(fade))
     for instance in (0, 1):
@@ -114,7 +115,7 @@ def test_every_leaf_is_covered_exactly_once(budget, fade):
 
 def test_a_larger_budget_only_refines():
     """Oracle: sets of refined nodes, which must grow with the budget; and the counts."""
-    view = TreeView(table=made(5, leaf=8).table, transforms=placed((0, 0, 0), (0.7, 0.2, -5.0)))
+    view = TreeView(table=made(5, leaf=8).table, placings=placed((0, 0, 0), (0.7, 0.2, -5.0)))
     before, counts = set(), []
     for budget in (1, 300, 340, 380, 420, 440, 0):
         cut = choose([view], [screen_of()], error=0.2, budget=budget)
@@ -141,11 +142,11 @@ def test_the_error_of_a_far_node_is_that_of_similar_triangles():
     matrices = np.diag([3.0, 3.0, 3.0, 1.0])[None]
     matrices[0, :3, 3] = 0, 0, 46  # the camera is at z = -4
     screen = screen_of()
-    found = NodeMeasure(table, screen, matrices).of(np.zeros(1, int), np.zeros(1, int))
+    found = NodeMeasure(table, screen, Placing(matrices)).of(np.zeros(1, int), np.zeros(1, int))
     assert found.shown[0]
     np.testing.assert_allclose(found.errors[0], 0.03 * max(screen.focal) / (50 - 3), rtol=1e-6)
     screen = screen_of("orthographic")
-    found = NodeMeasure(table, screen, matrices).of(np.zeros(1, int), np.zeros(1, int))
+    found = NodeMeasure(table, screen, Placing(matrices)).of(np.zeros(1, int), np.zeros(1, int))
     np.testing.assert_allclose(found.errors[0], 0.03 * 22.0, rtol=1e-6)
 
 
@@ -157,7 +158,8 @@ def test_the_largest_singular_value_scales_the_error():
     for scale in ((5.0, 1.0, 1.0), (5.0, 5.0, 5.0)):
         matrices = np.diag([*scale, 1.0])[None]
         matrices[0, 2, 3] = 1e6
-        measured = NodeMeasure(table, screen_of(), matrices).of(np.zeros(1, int), np.zeros(1, int))
+        measure = NodeMeasure(table, screen_of(), Placing(matrices))
+        measured = measure.of(np.zeros(1, int), np.zeros(1, int))
         found.append(measured.errors[0])
     np.testing.assert_allclose(found[0], found[1], rtol=1e-4)
 
@@ -168,13 +170,13 @@ def test_nodes_of_all_samples_decide():
     near, far = placed((0, 0, -2.5)), placed((0, 0, 40.0))
     screen = screen_of()
 
-    def refined(transforms):
-        view = TreeView(table=tree.table, transforms=transforms)
-        cut = choose([view], [screen] * len(transforms), error=1.0)
+    def refined(placings):
+        view = TreeView(table=tree.table, placings=placings)
+        cut = choose([view], [screen] * len(placings), error=1.0)
         reached = cut.trees[0]
         return set(reached.nodes[reached.errors > 1.0].tolist())
 
-    both = refined(np.concatenate([near, far]))
+    both = refined((*near, *far))
     assert both == refined(near) | refined(far)
     assert both != refined(far)
 
@@ -183,7 +185,7 @@ def test_fading_reaches_from_the_limit_to_its_end():
     """Oracle: the definition. At 0 the children of a node are drawn whose error is above the limit,
     at 1 only those of a node above FADE times the limit."""
     tree = made(6, leaf=10, error=0.02)
-    view = TreeView(table=tree.table, transforms=placed((0, 0, 1.0)))
+    view = TreeView(table=tree.table, placings=placed((0, 0, 1.0)))
     cut = choose([view], [screen_of()], error=0.8)
     reached = cut.trees[0]
     for fade, error in ((0.0, 0.8), (1.0, 0.8 * FADE)):
@@ -195,7 +197,7 @@ def test_fading_reaches_from_the_limit_to_its_end():
 def test_a_node_that_is_closed_is_drawn_itself():
     """Oracle: the definition; nothing below it is reached."""
     tree = made(6, leaf=10)
-    view = TreeView(table=tree.table, transforms=placed((0, 0, 0)), closed=frozenset({1}))
+    view = TreeView(table=tree.table, placings=placed((0, 0, 0)), closed=frozenset({1}))
     reached = choose([view], [screen_of()], error=0.0).trees[0]
     below = set(range(int(tree.table.first_child[1]), int(tree.table.first_child[1]) + 2))
     assert 1 in reached.nodes and not below & set(reached.nodes.tolist())
@@ -205,7 +207,7 @@ def test_a_node_without_proxies_is_refined_under_any_budget():
     """Oracle: an infinite error; the children of the root are drawn although they exceed 1."""
     tree = made(6, leaf=10)
     tree.table.errors[0], tree.table.proxies[0] = np.inf, 0
-    view = TreeView(table=tree.table, transforms=placed((0, 0, 0)))
+    view = TreeView(table=tree.table, placings=placed((0, 0, 0)))
     cut = choose([view], [screen_of()], error=1.0, budget=1)
     drawn = cut.trees[0].above_error(cut.limit)
     assert drawn.nodes[~drawn.refined].tolist() == [1, 2]
@@ -214,7 +216,7 @@ def test_a_node_without_proxies_is_refined_under_any_budget():
 def test_a_transform_that_is_not_finite_shows_nothing():
     """Oracle: such an instance is never drawn."""
     tree = made(6)
-    view = TreeView(table=tree.table, transforms=np.full((1, 1, 4, 4), np.nan))
+    view = TreeView(table=tree.table, placings=(Placing(np.full((1, 4, 4), np.nan)),))
     cut = choose([view], [screen_of()], error=1.0)
     assert cut.splats == 0 and not cut.trees[0].seen.any()
 

@@ -14,6 +14,7 @@ from usdsplat.core.node_table import NodeTable, check_nodes
 from usdsplat.render.lod import cut as cuts
 from usdsplat.render.lod.cut import TreeView, choose
 from usdsplat.render.lod.measure import NodeMeasure
+from usdsplat.render.lod.placing import Placing
 from usdsplat.render.screen import Screen
 
 
@@ -33,7 +34,14 @@ def many(seed, model):
         if number == seed:
             table.proxies[0], table.errors[0] = 0, np.inf
         mode = model == "tangential"
-        views.append(TreeView(table=table, transforms=both, closed=frozenset({4}), tangential=mode))
+        views.append(
+            TreeView(
+                table=table,
+                placings=tuple(map(Placing, both)),
+                closed=frozenset({4}),
+                tangential=mode,
+            )
+        )
     eye = lens("orthographic" if model == "orthographic" else "perspective")
     window = (-30, 20, 90, 140) if seed % 2 else None
     screen = Screen.of(view_of(eye, window))
@@ -79,7 +87,7 @@ def test_the_work_is_that_of_the_cut(monkeypatch):
     matrices = np.tile(np.eye(4), (60, 1, 1))
     matrices[:, 0, 3] = np.linspace(-30, 30, 60)
     matrices[:, 2, 3] = 40 + np.arange(60)
-    views = [TreeView(table=table, transforms=matrices[None])]
+    views = [TreeView(table=table, placings=(Placing(matrices),))]
     screens = [Screen.of(view_of(lens()))]
     table.proxies[:], table.residents[:] = 10, 0  # a root with 4,000 proxies would fill any budget
     whole = choose(views, screens, error=1e-4)
@@ -99,7 +107,7 @@ def test_nodes_of_a_box_inside_the_windows_are_shown():
     n, parents = len(tree.table), tree.table.parents()
     some = []
     for model in ("perspective", "orthographic"):
-        measure = NodeMeasure(tree.table, Screen.of(view_of(lens(model))), matrices)
+        measure = NodeMeasure(tree.table, Screen.of(view_of(lens(model))), Placing(matrices))
         found = measure.of(np.repeat(np.arange(40), n), np.tile(np.arange(n), 40))
         shown, inside = found.shown.reshape(40, n), found.inside.reshape(40, n)
         assert shown[:, 1:][inside[:, parents[1:]]].all()
@@ -125,7 +133,7 @@ def test_a_finer_cut_may_fit_where_a_coarser_one_does_not(wide, last):
         residents=np.zeros(3, np.int64),
     )  # fmt: skip
     check_nodes(table, "/tree", chunks=1)
-    view = TreeView(table=table, transforms=np.eye(4)[None, None])
+    view = TreeView(table=table, placings=(Placing(np.eye(4)[None]),))
     cut = choose([view], [Screen.of(view_of(lens()))], error=1.0, budget=50)
     assert cut.splats == (10 if wide > 1 else 20)
     drawn = cut.trees[0].above_error(cut.limit)

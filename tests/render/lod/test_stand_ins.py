@@ -16,6 +16,7 @@ from tests.render.lod.trees import made
 from tests.render.rendering import lens, view_of
 from usdsplat.render.lod import nodes as nodes_module
 from usdsplat.render.lod.cut import TreeView, choose
+from usdsplat.render.lod.placing import Placing
 from usdsplat.render.lod.stand_ins import closing, replaced_errors, stand_ins
 from usdsplat.render.screen import Screen
 
@@ -23,7 +24,9 @@ from usdsplat.render.screen import Screen
 def cut_of(tree, screen, closed=()):
     transforms = np.tile(np.eye(4), (1, 2, 1, 1))
     transforms[0, 1, 3, 0] = 1.0
-    view = TreeView(table=tree.table, transforms=transforms, closed=frozenset(closed))
+    view = TreeView(
+        table=tree.table, placings=tuple(map(Placing, transforms)), closed=frozenset(closed)
+    )
     return choose([view], [screen], error=0.5)
 
 

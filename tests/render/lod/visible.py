@@ -9,6 +9,7 @@ from tests.render.rendering import lens, random_transform, settings_of, view_of
 from usdsplat.kernels.devices import open_device
 from usdsplat.render.frame_buffers import FrameBuffers
 from usdsplat.render.lod.measure import NodeMeasure
+from usdsplat.render.lod.placing import Placing
 from usdsplat.render.projector import Projector
 from usdsplat.render.scene import RenderScene
 from usdsplat.render.screen import Screen
@@ -51,6 +52,6 @@ def visible_nodes(seed, model):
             expected.add(at)
             at = int(parents[at])
     nodes = np.arange(len(tree.table))
-    measure = NodeMeasure(tree.table, screen, matrix[None], mode == "tangential")
+    measure = NodeMeasure(tree.table, screen, Placing(matrix[None]), mode == "tangential")
     seen = measure.of(np.zeros(len(nodes), int), nodes).in_window
     return expected, set(np.flatnonzero(seen).tolist())

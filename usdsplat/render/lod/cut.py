@@ -23,6 +23,7 @@ import numpy as np
 from usdsplat.core.cloud import F64, I64
 from usdsplat.core.node_table import NESTED, NodeTable
 from usdsplat.render.lod.measure import Bools, NodeMeasure
+from usdsplat.render.lod.placing import Placing
 from usdsplat.render.screen import Screen
 
 FADE = NESTED
@@ -37,8 +38,8 @@ class TreeView:
     """A tree as the samples of a picture see it."""
 
     table: NodeTable
-    transforms: F64
-    """Local to world of each instance in each sample, shape (k, m, 4, 4)."""
+    placings: tuple[Placing, ...]
+    """The instances in each of k samples."""
     closed: frozenset[int] = frozenset()
     """Nodes that must not be refined."""
     tangential: bool = False
@@ -132,7 +133,7 @@ def choose(
     The work is proportional to the cut, not to the nodes that a larger budget would reach.
 
     Args:
-        trees: Their transforms have one entry for each screen.
+        trees: Their placings are one for each screen.
         screens: Projections of the samples, which share the data window.
         error: Largest projected error of a node that is not refined [pixel].
         budget: Maximum number of splats in the windows; 0 for any. The roots, and nodes below them
@@ -213,8 +214,8 @@ class _Search:
     def __init__(self, tree: TreeView, screens: Sequence[Screen], error: float) -> None:
         self._table, self._error = tree.table, error
         self._measures = [
-            NodeMeasure(tree.table, screen, placed, tree.tangential)
-            for screen, placed in zip(screens, tree.transforms, strict=True)
+            NodeMeasure(tree.table, screen, placing, tree.tangential)
+            for screen, placing in zip(screens, tree.placings, strict=True)
         ]
         self._can_refine = tree.table.child_count > 0
         self._can_refine[list(tree.closed)] = False
@@ -229,7 +230,7 @@ class _Search:
         """Errors of the nodes that are refined [pixel]."""
         self.added = np.empty(0, np.int64)
         """Number of visible splats that refining each of them adds."""
-        m = tree.transforms.shape[1]
+        m = len(tree.placings[0].transforms)
         roots = self._reach(np.arange(m), np.zeros(m, np.int64), np.full(m, np.inf))
         self.base = int(roots.sum())
         """Number of visible splats of the roots."""

@@ -6,10 +6,8 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-
-from usdsplat.core.cloud import F64
 from usdsplat.render.lod.cut import TreeView
+from usdsplat.render.lod.placing import Placed, Placing
 from usdsplat.render.lod.tree import Tree, TreeSpec
 from usdsplat.render.sampling import Sample
 from usdsplat.render.scene import RenderScene
@@ -27,14 +25,14 @@ class SeenTree:
     spec: TreeSpec
     rows: dict[tuple[str, int], int]
     """(path, index) of an instance -> its row in the cut."""
-    transforms: F64
-    """Shape (k, m, 4, 4)."""
+    placings: tuple[Placing, ...]
+    """The instances in each of k samples."""
 
     def view(self) -> TreeView:
         """Return the tree as `choose` takes it."""
         return TreeView(
             table=self.spec.table,
-            transforms=self.transforms,
+            placings=self.placings,
             closed=frozenset(self.tree.closed),
             tangential=self.spec.projection_mode == "tangential",
         )
@@ -71,15 +69,9 @@ def gathered(
         scene, _ = sampler(0.0)
     seen = {}
     for path, tree in sorted(trees.items()):
-        names = dict.fromkeys(
-            (each.path, each.index) for _, placed in poses for each in placed.get(path, ())
-        )
-        rows = {name: row for row, name in enumerate(names)}
-        transforms = np.full((len(poses), len(rows), 4, 4), np.nan)
-        for matrices, (_, placed) in zip(transforms, poses, strict=True):
-            some = placed.get(path, ())
-            matrices[[rows[each.path, each.index] for each in some]] = np.reshape(
-                [each.transform for each in some], (-1, 4, 4)
-            )
-        seen[path] = SeenTree(tree, tree.spec, rows, transforms)
+        instances = tuple(each.get(path, ()) for _, each in poses)
+        last = tree.placed
+        if last is None or not last.is_of(instances):
+            last = tree.placed = Placed.of(instances)
+        seen[path] = SeenTree(tree, tree.spec, last.rows, last.placings)
     return scene, [screen for screen, _ in poses], seen

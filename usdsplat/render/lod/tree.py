@@ -16,6 +16,7 @@ from usdsplat.core.node_table import MOST_LEVELS, NodeTable
 from usdsplat.core.sh import coefficient_count
 from usdsplat.render.fields import Field
 from usdsplat.render.lod.cache import Request
+from usdsplat.render.lod.placing import Placed
 from usdsplat.render.specs import (
     NO_GRADE,
     CropSpec,
@@ -99,8 +100,7 @@ class TreeSpec:
     @property
     def captured(self) -> int:
         """Number of splats of the capture: those of the leaves, and the residents."""
-        leaf = self.table.child_count == 0
-        return int(self.table.proxies[leaf].sum() + self.table.residents.sum())
+        return self.table.captured
 
     def first_elements(self) -> I64:
         """Return the element ids of the first captured splat and of the first proxy of each node,
@@ -139,6 +139,8 @@ class Tree:
     """Nodes whose own splats cannot be read."""
     subject: tuple[F64, F64] | None = None
     """Bounds of the centres without outliers, in local space; computed on first use."""
+    placed: Placed | None = None
+    """The instances in the last picture."""
     fields: dict[tuple[int, bool], Field] = field(default_factory=dict)
     """(node, is inner) -> the splats as a field of the draw list, for what was drawn last."""
     requests: dict[tuple[int, bool], tuple[Hashable, Request]] = field(default_factory=dict)
