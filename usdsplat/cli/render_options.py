@@ -23,7 +23,14 @@ DrawingFlags: Any = flags_of(
 )  # fmt: skip
 LightFlags: Any = flags_of(
     RenderSettings,
-    ("lighting", "ambient", "self_shadows", "shadow_resolution", "light_samples"),
+    (
+        "lighting",
+        "ambient",
+        "self_shadows",
+        "shadow_resolution",
+        "light_samples",
+        "dome_samples",
+    ),
     about="Light and shadows.",
 )
 LevelFlags: Any = flags_of(
