@@ -10,8 +10,9 @@ notes:
   The result is a layer of harmonics over STAGE, which is not changed. All renderers that draw
   splats show it; mute or delete it to take it back. Colours are those of render --lighting relit
   up to the printed error: harmonics in an encoded colour space cannot hold all of them.
-  Lights in which a field was photographed are named by its relationship splat:lighting:captured;
-  --captured-hdri is for fields without it. Author normals first, with usdsplat normals.
+  Lights in which a field was photographed are named by its relationship splat:lighting:captured.
+  For fields without it, name a picture with --captured-hdri, or the light is estimated.
+  Author normals first, with usdsplat normals.
 """
 
 from __future__ import annotations
