@@ -3,9 +3,9 @@
     python -m benchmarks.lighting [--device cpu|cuda] [--json FILE]
 
 The garden casts shadows on itself, with authored normals, and also on a ground of two triangles, as
-a picture of 1920x1080. A hard light has one sample, a soft one 16. "First" is a new renderer; its
-kernels are compiled. "Moved" is the median of five pictures from other places. Times are those of
-the processor on the CPU, and wall times on a GPU [ms].
+a picture of 1920x1080. A hard light has one sample, a soft one 16, a sky 128. "First" is a new
+renderer; its kernels are compiled. "Moved" is the median of five pictures from other places, under
+a sky that of one. Times are those of the processor on the CPU, and wall times on a GPU [ms].
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,7 @@ from rich.table import Table
 from benchmarks.report import Report
 from benchmarks.scenes import afresh, garden, view_of
 from usdsplat.kernels.devices import open_device
+from usdsplat.render.lights.dome import plain_sky
 from usdsplat.render.lights.specs import LightSpec
 from usdsplat.render.renderer import Renderer
 from usdsplat.render.scene import RenderScene
@@ -31,8 +33,18 @@ SIZE = (1920, 1080)
 MOVES = 5
 
 
-def lit_scene(*, ground: bool, angle: float) -> tuple[RenderScene, Any]:
-    """Return the garden under a sun, and its view."""
+SUN = LightSpec(direction=(0.48, 0.8, 0.36), irradiance=(1.0, 1.0, 1.0))
+LIGHTS = {
+    "hard": SUN,
+    "soft": replace(SUN, angle=0.02),
+    "sky": LightSpec(
+        kind="dome", sky=plain_sky(), radiance=(1.0, 1.0, 1.0), to_world=tuple(np.eye(4).ravel())
+    ),
+}
+
+
+def lit_scene(light: LightSpec, *, ground: bool) -> tuple[RenderScene, Any]:
+    """Return the garden under a light, and its view."""
     cloud, matrix, k = garden()
     normals = np.tile(np.float32([0, -1, 0]), (len(cloud), 1))
     lit = FieldSpec(cloud=cloud, surface=SurfaceSpec(normals=normals))
@@ -47,8 +59,7 @@ def lit_scene(*, ground: bool, angle: float) -> tuple[RenderScene, Any]:
         mesh = MeshSpec(points=points, triangles=triangles, faces=np.zeros(2, np.int32))
         scene.set_mesh("/ground", mesh)
         scene.set_instances("/ground", (InstanceSpec(path="/ground"),))
-    sun = LightSpec(direction=(0.48, 0.8, 0.36), irradiance=(1.0, 1.0, 1.0), angle=angle)
-    scene.set_light("/sun", sun)
+    scene.set_light("/light", light)
     return scene, view_of(matrix, k, SIZE)
 
 
@@ -61,8 +72,9 @@ def main() -> None:
         for column in ("scene", "light", "captured", "first", "moved", "first / captured"):
             table.add_column(column, justify="right")
         for ground in (False, True):
-            for label, angle in (("hard", 0.0), ("soft", 0.02)):
-                scene, view = lit_scene(ground=ground, angle=angle)
+            for label, light in LIGHTS.items():
+                scene, view = lit_scene(light, ground=ground)
+                moves = MOVES if light.kind == "distant" else 1
                 device = open_device(name)
 
                 def drawn(renderer: Renderer, number: int, scene=scene, view=view, **options):
@@ -75,11 +87,11 @@ def main() -> None:
                     return 1000 * (clock() - start)
 
                 warm = Renderer(device)
-                drawn(warm, 0, lighting="shadowed", light_samples=1)
+                drawn(warm, 0, lighting="shadowed", light_samples=1, dome_samples=1)
                 plain = float(np.median([drawn(warm, 1 + k) for k in range(MOVES)]))
                 renderer = Renderer(device)
                 first = drawn(renderer, 20, lighting="shadowed")
-                moved = [drawn(renderer, 30 + k, lighting="shadowed") for k in range(MOVES)]
+                moved = [drawn(renderer, 30 + k, lighting="shadowed") for k in range(moves)]
                 what = "garden and ground" if ground else "garden"
                 later = float(np.median(moved))
                 table.add_row(

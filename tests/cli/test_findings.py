@@ -19,7 +19,7 @@ EXPECTED = {
     "prim": ("missing-prim", "/W/Hero2"),
     "sublayer": ("missing-asset", "/"),
     "texture": ("missing-asset", "/W/Mat/T"),
-    "dome": ("unsupported-light", "/W/Dome"),
+    "dome": ("bad-light", "/W/Dome"),
     "portal": ("unsupported-light", "/W/Portal"),
     "volume": ("unsupported-prim", "/W/Volume"),
     "curves": ("unsupported-prim", "/W/Hair"),
@@ -217,17 +217,20 @@ def test_simulate_and_convert_report_the_same_finding(make, run, tmp_path):
 def test_a_strict_window_does_not_open(make, run, monkeypatch):
     """Oracle: status 1 before anything is served."""
     monkeypatch.setattr("usdsplat.cli.view._serve", lambda *_: pytest.fail("served"))
-    status, _, err = run("view", make("dome"), "--web", "--strict")
-    assert status == 1 and "warning [unsupported-light] /W/Dome" in err
+    status, _, err = run("view", make("portal"), "--web", "--strict")
+    assert status == 1 and "warning [unsupported-light] /W/Portal" in err
 
 
 def test_quiet_keeps_errors_and_verbose_adds_cures(make, rendered):
     """Oracle: a warning and an error."""
-    path = make("dome", "reference")
+    path = make("portal", "reference")
     (line,) = rendered(path, "-q")[2].splitlines()
     assert line.startswith("usdsplat: error [missing-asset]")
     lines = rendered(path, "--verbose")[2].splitlines()
-    assert "  cure: use distant, sphere, disk, rect or cylinder lights, or hide the light" in lines
+    assert (
+        "  cure: use distant, sphere, disk, rect, cylinder or dome lights, or hide the light"
+        in lines
+    )
     assert "  cure: restore the file, or correct the asset path" in lines
 
 
@@ -289,7 +292,7 @@ def test_validate_has_the_messages_of_libraries_in_json(make, run_json, monkeypa
         return check(*args, **options)
 
     monkeypatch.setattr(checking, "check_stage", warned)
-    found = run_json("validate", make("dome"))["findings"]
+    found = run_json("validate", make("portal"))["findings"]
     assert [each["code"] for each in found] == ["unsupported-light", "usd-message"]
 
 
@@ -297,7 +300,7 @@ def test_validate_has_the_messages_of_libraries_in_json(make, run_json, monkeypa
     ("command", "mistakes"),
     [
         ("info", ("texture", "dome", "reference", "input")),
-        ("convert", ("dome", "reference", "grade", "crop", "instancer")),
+        ("convert", ("portal", "reference", "grade", "crop", "instancer")),
     ],
 )
 def test_what_is_missing_is_a_finding_of_info_and_convert(

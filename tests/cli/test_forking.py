@@ -23,10 +23,11 @@ from tests.cli.test_job_failures import (
     until,
     waits,
 )
+from tests.cli.test_simulate_jobs import FRAMES, pushed
 from tests.jobs.test_local import children
 from usdsplat import formats
 
-__all__ = ["alone", "gate"]
+__all__ = ["alone", "gate", "pushed"]
 
 pytestmark = [
     pytest.mark.usefixtures("compiled"),
@@ -116,24 +117,34 @@ with forking.held():
     assert printed(code) == ["False", "True"]
 
 
-def test_a_command_forks_its_workers(shot, tmp_path, gate):
+@pytest.mark.parametrize("command", ["render", "simulate"])
+def test_a_command_forks_its_workers(pushed, tmp_path, gate, command):
     """Oracle: a process that is forked keeps the command line; one that is started has its own. The
-    pictures are whole, and no process is left."""
-    out = tmp_path / "job" / "a.####.exr"
-    with begun("render", shot, "-o", out, *FLAGS, "--jobs", "2", env=waits(gate)) as client:
+    files are whole, and no process is left."""
+    out = tmp_path / "job"
+    words = {
+        "render": ("render", pushed, "-o", out / "a.####.exr", *FLAGS),
+        "simulate": (
+            *("simulate", pushed, "-o", out / "b.usda", *FRAMES, "--chunk", "2"),
+            *("--wedge", "settle:omega=4,8"),
+        ),
+    }[command]
+    with begun(*words, "--jobs", "2", env=waits(gate)) as client:
         until(lambda: len(children(client.pid)) == 1 + 2 * 2)  # each has a process that watches it
         below = children(client.pid)
         lines = {Path(f"/proc/{pid}/cmdline").read_bytes() for pid in below}
         assert lines == {Path(f"/proc/{client.pid}/cmdline").read_bytes()}
         gate.touch()
         assert ended(client) == (0, [])
-    assert len(pictures(out.parent)) == 4
+    assert len(list(out.glob("*.exr" if command == "render" else "b_*.usda"))) == {
+        "render": 4, "simulate": 2,
+    }[command]  # fmt: skip
     assert not any(Path(f"/proc/{pid}").exists() for pid in below)
 
 
 @pytest.mark.parametrize("how", [("--jobs", "2"), ("--dask", "local")], ids=" ".join)
-@pytest.mark.parametrize("command", ["render", "convert", "lod"])
-def test_files_that_a_command_inherits_do_not_matter(shot, tmp_path, command, how):
+@pytest.mark.parametrize("command", ["render", "convert", "lod", "simulate"])
+def test_files_that_a_command_inherits_do_not_matter(pushed, tmp_path, command, how):
     """Oracle: the same command alone; a pipe that a caller left open has no reader and no byte
     more."""
     if "--dask" in how:
@@ -141,8 +152,9 @@ def test_files_that_a_command_inherits_do_not_matter(shot, tmp_path, command, ho
     capture = tmp_path / "ball.ply"
     formats.write(ball(300, 3), capture)
     words = {
-        "render": ("render", shot, "-o", "{}/a.####.exr", *FLAGS),
-        "convert": ("convert", shot, "{}/a.####.ply", "--frames", "1-3", "--prim", "/World/Ball"),
+        "simulate": ("simulate", pushed, "-o", "{}/b.usda", *FRAMES),
+        "render": ("render", pushed, "-o", "{}/a.####.exr", *FLAGS),
+        "convert": ("convert", pushed, "{}/a.####.ply", "--frames", "1-3", "--prim", "/World/Ball"),
         "lod": ("lod", capture, "-o", "{}/a.usda"),
     }[command]
     read, write = os.pipe()

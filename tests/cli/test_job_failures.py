@@ -20,6 +20,7 @@ import pytest
 
 from tests.jobs.test_local import children
 from tests.products.test_tiles import content
+from usdsplat import __version__
 
 pytestmark = [
     pytest.mark.usefixtures("compiled"),
@@ -367,6 +368,43 @@ def test_a_cluster_that_all_workers_left_is_given_up(cluster, run, shot, tmp_pat
         f"--dask {address}: found a cluster whose workers all ended, expected a worker;"
         " --resume goes on\n"
     )
+
+
+def test_a_resource_that_is_gone_with_its_worker_ends_the_command(
+    cluster, run, shot, tmp_path, monkeypatch
+):
+    """Oracle: the sentence; the only worker with a licence ends itself at its first task, another
+    one without it stays."""
+    dask_cluster = pytest.importorskip("usdsplat.jobs.dask_cluster")
+    monkeypatch.setattr(dask_cluster, "ROUND", 0.2)
+    monkeypatch.setattr(dask_cluster, "DESERTED", 0.5)
+    preload = tmp_path / "fragile.py"
+    preload.write_text(
+        "import os, usdsplat.cli.worker as worker\n"
+        "worker.carried_out = lambda *words: os._exit(1)\n"
+    )
+    cluster.start("--preload", preload, "--resources", "licence=1")
+    cluster.start()
+    address = cluster.address()
+    words = ("render", shot, "-o", tmp_path / "job" / "a.####.exr", *FLAGS, "--dask", address)
+    status, _, err = run(*words, "--resources", "licence=1")
+    assert status == 2 and err.endswith(
+        f"--dask {address}: found no worker that meets the needs of a task,"
+        " expected one with --resources 'licence=1'; --resume goes on\n"
+    )
+
+
+def test_a_worker_of_another_version_that_joins_later_does_no_task(cluster, run, shot, tmp_path):
+    """Oracle: the sentence. The worker says at the beginning that it has our version, as one does
+    that joins when nobody asks any more."""
+    preload = tmp_path / "older.py"
+    preload.write_text("import usdsplat.cli.worker as worker\nworker.__version__ = '0.1'\n")
+    cluster.start("--preload", preload)
+    words = ("render", shot, "-o", tmp_path / "job" / "a.####.exr", *FLAGS, "--chunk", "4")
+    status, _, err = run(*words, "--dask", cluster.address())
+    assert status == 2 and f"worker: found usdsplat 0.1, expected {__version__}\n" in err
+    assert "found 1 of 1 task that failed" in err
+    assert not (tmp_path / "job").exists()
 
 
 @pytest.mark.slow

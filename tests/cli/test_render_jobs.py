@@ -13,6 +13,7 @@ import pytest
 from pxr import Usd
 
 from tests.products.test_tiles import content
+from usdsplat.kernels.cuda import support
 
 pytestmark = pytest.mark.usefixtures("compiled")
 FLAGS = ("--frames", "1-4", "--resolution", "64x40", "--aovs", "color,Z,id,cryptoObject")
@@ -98,6 +99,22 @@ def test_bad_options(run, shot, tmp_path, monkeypatch, flags, sentence):
     status, _, err = run("render", shot, "-o", tmp_path / "a.####.exr", *FLAGS, *CPU, *flags)
     assert status == 2 and sentence in err
     assert not list(tmp_path.glob("a*"))
+
+
+def test_only_the_machine_of_the_tasks_needs_a_gpu(run, shot, tmp_path, monkeypatch):
+    """Oracle: by hand: a machine without a GPU writes a bundle for those with one; tasks that it
+    must run itself are refused before the first one begins."""
+    monkeypatch.setattr(support, "obstacle", lambda: ("no GPU", "one"))
+    words = ("render", shot, "-o", "a.####.exr", *FLAGS, "--device", "cuda")
+    status, _, err = run(*words, "--openjd", tmp_path / "bundle")
+    assert status == 0, err
+    (step,) = json.loads((tmp_path / "bundle" / "template.yaml").read_text())["steps"]
+    assert "--device=cuda" in step["script"]["actions"]["onRun"]["args"]
+    assert "amount.worker.gpu" in json.dumps(step["hostRequirements"])
+    for how in (("--jobs", "1"), ("--dask", "local")):
+        status, out, err = run(*words, *how)
+        assert (status, out) == (2, "") and err.count("\n") == 1
+        assert err.endswith("device cuda: found no GPU, expected one\n")
 
 
 def command(*words):

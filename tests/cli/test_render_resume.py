@@ -8,9 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pxr import Sdf
+from pxr import Sdf, Usd, UsdGeom
 
+from tests.cli.conftest import ball
 from tests.cli.test_render import SMALL, read
+from usdsplat import formats
+from usdsplat.products import preparing, stamp
 
 pytestmark = pytest.mark.usefixtures("compiled")
 
@@ -107,3 +110,110 @@ def test_resume_draws_again_after_an_edit_of_the_stage(run, shot, tmp_path):
     status, out, err = run(*render)
     assert status == 0 and "a.exr" in out
     assert "found a picture of another version of the stage's files" in err
+
+
+MADE = "found a picture made with another setting, file or version of usdsplat"
+
+
+@pytest.mark.parametrize(
+    "flags",
+    [
+        ("--camera", "/World/Other"), ("--color-mode", "display"), ("--float",),
+        ("--sorting", "cameraDistance"), ("--purposes", "default"), ("--metadata", "take=2"),
+        ("--variant", "/World:look=b"), ("--mask", "/World"), ("--holdout", "held.exr"),
+    ],
+    ids=" ".join,
+)  # fmt: skip
+def test_resume_draws_again_with_another_flag(run, shot, tmp_path, monkeypatch, flags):
+    """Oracle: the names that are printed, and the sentence; the second time there is nothing to
+    do."""
+    stage = Usd.Stage.Open(str(shot))
+    UsdGeom.Camera.Define(stage, "/World/Other").AddTranslateOp().Set((0, 0, 6))
+    looks = stage.GetPrimAtPath("/World").GetVariantSets().AddVariantSet("look")
+    looks.AddVariant("a")
+    looks.AddVariant("b")
+    looks.SetVariantSelection("a")
+    stage.Save()
+    monkeypatch.chdir(tmp_path)
+    held = ("--aovs", "Z", "--camera", "/World/Cam", *SMALL)
+    assert run("render", shot, "-o", "held.exr", "--frames", 1, *held)[0] == 0
+    render = ("render", shot, "-o", tmp_path / "a.exr", "--frames", 1, *SMALL, "--resume")
+    assert "a.exr" in run(*render)[1] and run(*render)[1] == ""
+    status, out, err = run(*render, *flags)
+    assert status == 0 and "a.exr" in out
+    assert f"a.exr: {MADE}; it is drawn again" in err
+    assert run(*render, *flags)[:2] == (0, "")
+
+
+@pytest.mark.parametrize("suffix", ["exr", "png", "jpg", "webp"])
+def test_resume_keeps_what_other_machines_and_folders_made(run, shot, tmp_path, suffix):
+    """Oracle: nothing is printed, by hand: names of files, threads, memory and devices that are
+    chosen decide no pixel."""
+    (tmp_path / "moved").mkdir()
+    other = shot.rename(tmp_path / "moved" / "other.usda")
+    render = ("--frames", "1-2", *SMALL, "--resume")
+    pictures = tmp_path / f"a.%d.{suffix}"
+    assert run("render", other, "-o", pictures, *render)[1].count("\n") == 2
+    other.rename(shot)
+    more = ("--threads", 2, "--memory-limit", "4G", "--node-memory", 100, "--device", "cpu")
+    assert run("render", shot, "-o", pictures, *render, *more)[:2] == (0, "")
+    for path in tmp_path.glob(f"a.*.{suffix}"):
+        path.rename(path.with_name(f"b{path.name[1:]}"))
+    assert run("render", shot, "-o", tmp_path / f"b.%d.{suffix}", *render)[:2] == (0, "")
+
+
+def test_resume_draws_again_if_a_holdout_was_written_again(run, shot, tmp_path):
+    """Oracle: the names that are printed. Another name of the holdout is none of the picture's."""
+    held, moved = tmp_path / "held.exr", tmp_path / "moved.exr"
+    render = ("render", shot, "-o", tmp_path / "a.exr", "--frames", 1, *SMALL, "--resume")
+    for frame in (1, 3):
+        assert run("render", shot, "-o", held, "--frames", frame, "--aovs", "Z", *SMALL)[0] == 0
+        assert "a.exr" in run(*render, "--holdout", held)[1]
+        held.rename(moved)
+        assert run(*render, "--holdout", moved)[:2] == (0, "")
+
+
+def test_resume_draws_again_if_the_capture_or_its_axes_differ(run, tmp_path):
+    """Oracle: the names that are printed, and the sentence."""
+    capture = tmp_path / "a.ply"
+    formats.write(ball(), capture)
+    render = ("render", capture, "-o", tmp_path / "a.png", *SMALL, "--resume")
+    assert "a.png" in run(*render)[1] and run(*render)[1] == ""
+    formats.write(ball(seed=1), capture)
+    for words in (render, (*render, "--axes", "luf")):
+        status, out, err = run(*words)
+        assert status == 0 and "a.png" in out and f"a.png: {MADE}; it is drawn again" in err
+        assert run(*words)[:2] == (0, "")
+
+
+def test_resume_draws_again_if_the_fitted_frames_differ(run, shot, tmp_path):
+    """Oracle: the pictures of the command without --resume, as its camera sees other frames."""
+    stage = Usd.Stage.Open(str(shot))
+    stage.RemovePrim("/World/Cam")
+    stage.Save()
+    render = ("render", shot, "-o", tmp_path / "a.%d.exr", *SMALL)
+    assert run(*render, "--frames", "1-2")[0] == 0
+    status, out, err = run(*render, "--frames", "1-4", "--resume")
+    assert status == 0 and out.count("\n") == 4 and err.count(MADE) == 2
+    again = {path.name: read(path) for path in tmp_path.glob("a.*.exr")}
+    assert run(*render, "--frames", "1-4")[0] == 0
+    for name, picture in again.items():
+        np.testing.assert_array_equal(read(tmp_path / name), picture)
+
+
+def test_resume_draws_again_what_another_version_drew(run, shot, tmp_path, monkeypatch):
+    """Oracle: the names that are printed, and the sentence."""
+    render = ("render", shot, "-o", tmp_path / "a.exr", "--frames", 1, *SMALL, "--resume")
+    assert run(*render)[0] == 0
+    monkeypatch.setattr(stamp, "__version__", "99.0")
+    status, out, err = run(*render)
+    assert status == 0 and "a.exr" in out and MADE in err
+
+
+def test_resume_keeps_pictures_without_a_stamp(run, shot, tmp_path, monkeypatch):
+    """Oracle: nothing is printed: earlier versions wrote none, and nobody knows their flags."""
+    render = ("render", shot, "-o", tmp_path / "a.exr", "--frames", 1, *SMALL, "--resume")
+    with monkeypatch.context() as earlier:
+        earlier.setattr(preparing.Preparation, "lasting_stamp", lambda *known: "")
+        assert run(*render)[0] == 0
+    assert run(*render, "--sorting", "cameraDistance")[:2] == (0, "")

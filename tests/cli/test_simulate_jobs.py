@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import os
 import random
+import shutil
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 from pxr import Usd
 
 from tests.cli.conftest import passing_sphere
+from usdsplat.sim.stage import provenance
 from usdsplat.sim.stage.authoring import author
 
 pytestmark = pytest.mark.usefixtures("compiled")
@@ -51,6 +54,64 @@ def test_a_bake_that_stops_is_resumed_to_the_same_bytes(run_json, pushed, tmp_pa
     report = run_json(*words, "--resume")
     assert report["frames"] == 1 and report["is_finished"]
     assert files(tmp_path / "parts") == files(tmp_path / "once")
+
+
+@pytest.fixture
+def masked(pushed):
+    """The stage with a mask of a picture, in a folder of its own."""
+    folder = pushed.parent / "show"
+    folder.mkdir()
+    pushed.rename(folder / "shot.usda")
+    painted(folder, 255)
+    stage = Usd.Stage.Open(str(folder / "shot.usda"))
+    mask = {"source": "texture", "file": "./mask.png"}
+    names = {f"mask:m:{name}": value for name, value in mask.items()}
+    author(stage.GetPrimAtPath("/Sim"), {**names, "settle:omega:mask": "m"})
+    stage.Save()
+    return folder
+
+
+def painted(folder, white):
+    """Paint the picture of the mask: grey at the left, another grey at the right."""
+    from PIL import Image
+
+    pixels = np.full((8, 8, 3), white, np.uint8)
+    pixels[:, :3] = 40
+    Image.fromarray(pixels).save(folder / "mask.png")
+
+
+def test_a_bake_with_a_picture_goes_on_where_it_was_moved(run, run_json, masked, tmp_path):
+    """Oracle: the bytes of a bake at once. After the picture was painted again, no frames are
+    added; the sentence names it."""
+    words = ("simulate", masked / "shot.usda", "-o", masked / "b.usda", *FRAMES)
+    run_json(*words)
+    once = files(masked)
+    for path in (masked / "b.usda", masked / "b_data"):
+        path.unlink() if path.is_file() else shutil.rmtree(path)
+    run_json(*words, "--until", "2")
+    moved = masked.rename(tmp_path / "moved")
+    words = ("simulate", moved / "shot.usda", "-o", moved / "b.usda", *FRAMES, "--resume")
+    report = run_json(*words, "--until", "3")
+    assert report["frames"] == 1
+    painted(moved, 90)
+    status, _, err = run(*words)
+    named = "found other parameters, the first is /Sim.splatSim:mask:m:file, expected those that"
+    assert status == 2 and named in err
+    painted(moved, 255)
+    run_json(*words)
+    assert files(moved) == once
+
+
+def test_a_bake_of_an_earlier_version_with_a_picture_is_refused(run, run_json, masked, monkeypatch):
+    """Oracle: the sentence. The earlier version had the absolute path of the picture in its
+    hash."""
+    words = ("simulate", masked / "shot.usda", "-o", masked / "b.usda", *FRAMES)
+    with monkeypatch.context() as earlier:
+        earlier.setattr(provenance, "_content", str)
+        run_json(*words, "--until", "2")
+    status, out, err = run(*words, "--resume")
+    assert (status, out) == (2, "") and err.count("\n") == 1
+    assert "found other parameters, the first is /Sim.splatSim:mask:m:file, expected those" in err
 
 
 def test_jobs_bake_a_wedge_as_one_process(run_json, pushed, tmp_path):

@@ -60,6 +60,38 @@ def test_an_answer_that_is_cut_off_is_none():
     assert all(local._parsed(whole[:end]) is None for end in range(len(whole)))
 
 
+GARBLING = """
+import sys, time
+from usdsplat.jobs.forked import ForkedProcess
+from usdsplat.jobs.local import ANSWER, LocalWorkers
+from tests.jobs.test_local import job_of
+
+def garbling():
+    sys.stdin.readline()
+    print(ANSWER + '{"status": 0, "ou a library', flush=True)
+    print('t": "", "err": ""}', flush=True)
+    time.sleep(600)
+    return 0
+
+said = []
+with LocalWorkers([{}], lambda each: ForkedProcess(garbling, each)) as workers:
+    (outcome,) = workers.run(job_of(["--version"]), retries=1, say=said.append)
+print(*said, outcome.result.status)
+"""
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="forks a worker")
+def test_a_worker_whose_answer_cannot_be_read_is_replaced():
+    """Oracle: by hand. A library breaks the first answer in two; that worker would live on, and
+    never answer again."""
+    done = subprocess.run(
+        [sys.executable, "-c", GARBLING],
+        capture_output=True, text=True, timeout=60, cwd=Path(__file__).parents[2],
+    )  # fmt: skip
+    found = "worker: found an answer that cannot be read, expected a line of JSON"
+    assert done.stdout == f"s0: {found}; it is tried again 0\n", done.stderr
+
+
 def children(pid):
     """The processes below a process, whichever of its threads started them."""
     mine = []

@@ -102,6 +102,10 @@ def hide(path: str) -> Callable[[Usd.Stage], None]:
     return lambda stage: UsdGeom.Imageable(stage.GetPrimAtPath(path)).MakeInvisible() and None
 
 
+def _dome(stage: Usd.Stage) -> None:
+    UsdLux.DomeLight.Define(stage, "/W/Dome").CreateTextureFileAttr("./none.exr")
+
+
 def _texture(stage: Usd.Stage) -> None:
     node = UsdShade.Shader.Define(stage, "/W/Mat/T")
     node.CreateIdAttr("UsdUVTexture")
@@ -123,7 +127,7 @@ MUTATIONS: dict[str, Callable[[Usd.Stage], None]] = {
     "reference": refer("/W/Hero", "./none.usda"),
     "prim": refer("/W/Hero2", "", "/W/None"),
     "sublayer": lambda stage: stage.GetRootLayer().subLayerPaths.append("./none.usda"),
-    "dome": define("/W/Dome", "DomeLight"),
+    "dome": _dome,
     "portal": define("/W/Portal", "PortalLight"),
     "volume": define("/W/Volume", "Volume"),
     "curves": define("/W/Hair", "BasisCurves"),

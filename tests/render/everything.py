@@ -17,6 +17,7 @@ from tests.render.rendering import lens, random_cloud, settings_of, view_of
 from tests.render.surface_scenes import add, mesh, sheet
 from usdsplat.kernels.device import Device
 from usdsplat.render.deep_samples import DeepSamples
+from usdsplat.render.lights.dome import split
 from usdsplat.render.lights.specs import LightSpec
 from usdsplat.render.renderer import AOVS, Renderer
 from usdsplat.render.scene import RenderScene
@@ -40,6 +41,8 @@ class Case:
     crops: bool = False
     lamp: bool = False
     """Whether there is a rect light besides the sun."""
+    sky: bool = False
+    """Whether there is a dome."""
     catchers: tuple[tuple[str, bool], ...] = ()
     tree: bool = False
     """Whether there is a splat tree, seen at several levels."""
@@ -62,6 +65,9 @@ CASES: dict[str, Case] = {
     "lamp": Case(settings={"light_samples": 4}, lamp=True),
     "shadows": Case(
         settings={"lighting": "shadowed", "light_samples": 3, "shadow_resolution": 64}, lamp=True
+    ),
+    "sky": Case(
+        settings={"lighting": "shadowed", "dome_samples": 3, "shadow_resolution": 64}, sky=True
     ),
     "catchers": Case(settings={"light_samples": 1}, catchers=(("/second", True), ("/wall", True))),
     "matte splats": Case(settings={}, matte=(("/second", True),)),
@@ -158,6 +164,12 @@ def scene_of(case: Case, splats: int) -> RenderScene:
             kind="rect", size=(1.0, 0.5), to_world=tuple(matrix.ravel()), radiance=(4.0, 3.0, 2.0)
         )
         scene.set_light("/lamp", lamp)
+    if case.sky:
+        sky, _ = split(rng.random((6, 12, 3), np.float32))
+        whole = LightSpec(
+            kind="dome", sky=sky, to_world=tuple(np.eye(4).ravel()), radiance=(0.5,) * 3
+        )
+        scene.set_light("/sky", whole)
     return scene
 
 

@@ -62,6 +62,11 @@ class JobOptions:
         """Whether the command is to run as a job."""
         return any(each is not None for each in (self.jobs, self.dask, self.openjd))
 
+    @property
+    def is_here(self) -> bool:
+        """Whether processes of this machine run the tasks."""
+        return self.jobs is not None or self.dask == "local"
+
 
 def check_jobs(options: JobOptions, *, frameless: str = "") -> None:
     """Raise an error for options that have no effect or are out of range.

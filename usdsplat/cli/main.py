@@ -35,6 +35,7 @@ COMMANDS = {
     "render": "render a stage or a capture to EXR or PNG",
     "simulate": "simulate the splats of a stage, and bake the result into a layer",
     "match": "grade splats to match a plate or a colour chart",
+    "relight": "author the colours of splats under the lights of a stage, in a layer of their own",
     "normals": "author normals, confidence and occlusion of splats, in a layer of their own",
     "demo": "make a capture, a stage, pictures and sequences, as a tour of the features",
     "compile": "compile all kernels ahead of time, so that later commands do not wait for it",

@@ -43,7 +43,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -68,10 +68,12 @@ if TYPE_CHECKING:
     from usdsplat.products.request import PicturePlan, RenderRequest
 
 FORKS = True
+CUDA = "cuda"
 
 
 def run(options: Options, reporter: Reporter) -> int:
     """Render the pictures, or run the tasks that do, and print each file when it is finished."""
+    from usdsplat.kernels.devices import check_gpu
     from usdsplat.products.drawing import draw_frames
     from usdsplat.products.preparing import files_of
 
@@ -80,6 +82,8 @@ def run(options: Options, reporter: Reporter) -> int:
     if options.threads is not None:
         images.limit_threads(options.threads)
     if options.job.is_asked:
+        if options.device == CUDA and options.job.is_here:
+            check_gpu()
         workers = environments(
             options.job,
             device=options.device,
@@ -109,17 +113,20 @@ def run(options: Options, reporter: Reporter) -> int:
 def _run_tasks(
     options: Options, drawing: DrawOptions, runner: JobRunner, reporter: Reporter
 ) -> int:
-    """Plan the pictures, and let tasks draw them."""
+    """Plan the pictures, and let tasks draw them. A GPU that is named is theirs alone."""
     from usdsplat.products.preparing import check_frames, files_of, work_of
 
-    with _planning(options, reporter) as (_, engine, plans, frames):
+    is_named = options.device == CUDA
+    planning = replace(options, device="cpu") if is_named else options
+    with _planning(planning, reporter) as (_, engine, plans, frames):
         engine.expect(work_of(plans, frames))
         check_frames(engine, plans, frames, options=drawing, findings=reporter.findings)
         if options.job.openjd is None:  # else the pictures lie elsewhere
             for folder in {path.parent for group in files_of(plans, frames) for path in group}:
                 check_folder(folder)
         fits = any(plan.camera is None for plan in plans)
-        task = as_task(options, engine.device, ends_of(frames) if fits else "", frames[0])
+        device = CUDA if is_named else engine.device
+        task = as_task(options, device, ends_of(frames) if fits else "", frames[0])
     return run_as_job(options, task, plans, frames, runner, reporter)
 
 
@@ -145,7 +152,7 @@ def _draw_options(options: Options) -> DrawOptions:
     Raises:
         UsageError: If one is wrong.
     """
-    from usdsplat.interchange.files import capture_files
+    from usdsplat.interchange.files import capture_files, chunk_files
     from usdsplat.products.preparing import DrawOptions
     from usdsplat.products.tiles import TileStep, Tiling
 
@@ -158,13 +165,20 @@ def _draw_options(options: Options) -> DrawOptions:
     if options.tile is not None and options.job.is_asked:
         raise UsageError("--tile", options.tile, "no --jobs, --dask or --openjd")
     tiling = None if options.tiles is None else Tiling.parse(options.tiles)
+    chunks = chunk_files(options.stage)
+    opened = options.stage_opening
     return DrawOptions(
         existing="resume" if options.resume else "replace",
         memory_limit=bytes_of(options.memory_limit),
         tile=None
         if tiling is None
         else TileStep.parse(tiling, options.tile or "join", keeps=options.keep_tiles),
-        files=tuple(map(Path, capture_files(options.stage))),
+        files=tuple(Path(p) for p in capture_files(options.stage) if p not in chunks),
+        chunks=tuple(map(Path, chunks)),
+        opening=(
+            *map(repr, (opened.variant, opened.mute, opened.mask)),
+            options.axes or "auto",
+        ),
         fitted=() if options.fit_frames is None else parse_frames(options.fit_frames),
     )
 

@@ -13,7 +13,7 @@ from usdsplat.cli.render_options import Options
 from usdsplat.cli.reporting import Reporter
 from usdsplat.cli.values import bytes_of
 from usdsplat.cli.words import words_of
-from usdsplat.core.errors import UsageError
+from usdsplat.core.errors import UsageError, UsdSplatError
 from usdsplat.images.frame_numbers import FileName, frame_path
 
 if TYPE_CHECKING:
@@ -71,15 +71,33 @@ def run_as_job(
         return _write_bundle(options, task, frames, reporter)
     chunk = options.job.chunk or max(1, len(frames) // (len(runner) * TURNS))
     files = files_of(plans, frames)
-    report = []
-    for printed in runner.run(_job(options, task, frames, chunk)):
-        for picture in printed["pictures"]:
-            if not picture["path"].endswith(TILE_SUFFIX):
-                if options.tiles is not None:
-                    remove_tiles(Path(picture["path"]))
-                report.append(picture)
-                if not options.json:
-                    console.say_path(Path(picture["path"]))
+    before = {path: _version(path) for group in files for path in group}
+    report: list[dict[str, Any]] = []
+
+    def finish(picture: dict[str, Any]) -> None:
+        if options.tiles is not None:
+            remove_tiles(Path(picture["path"]))
+        report.append(picture)
+        if not options.json:
+            console.say_path(Path(picture["path"]))
+
+    def finish_others() -> None:
+        """Report what processes wrote that died, or failed later, before they told of it."""
+        told = {picture["path"] for picture in report}
+        for plan, group in zip(plans, files, strict=True):
+            for frame, path in zip(frames, group, strict=True):
+                if str(path) not in told and _version(path) not in (None, before[path]):
+                    finish(_untold(plan, frame, path, task.device))
+
+    try:
+        for printed in runner.run(_job(options, task, frames, chunk)):
+            for picture in printed["pictures"]:
+                if not picture["path"].endswith(TILE_SUFFIX):
+                    finish(picture)
+    except UsdSplatError:
+        finish_others()
+        raise
+    finish_others()
     by_frame = [path for row in zip(*files, strict=True) for path in row]
     if options.tiles is not None:
         for path in by_frame:
@@ -88,6 +106,31 @@ def run_as_job(
     report.sort(key=lambda picture: order[picture["path"]])
     say_end(options, report, files, reporter)
     return 0
+
+
+def _version(path: Path) -> tuple[int, ...] | None:
+    """Return what changes when a file is replaced; None if there is none."""
+    try:
+        status = path.stat()
+    except OSError:
+        return None
+    return status.st_ino, status.st_mtime_ns, status.st_size
+
+
+def _untold(plan: PicturePlan, frame: float, path: Path, device: str) -> dict[str, Any]:
+    """Return the report on a picture, without what only the process knew that drew it."""
+    from usdsplat.products.drawing import aovs_in
+
+    return {
+        "path": str(path),
+        "frame": frame,
+        "product": plan.product or None,
+        "camera": plan.camera,
+        "aovs": aovs_in(plan),
+        "device": device,
+        "resolution": plan.framing.resolution,
+        **dict.fromkeys(("splats", "visible", "seconds", "deep_samples")),
+    }
 
 
 def _job(options: Options, task: Options, frames: Sequence[float], chunk: int) -> Job:

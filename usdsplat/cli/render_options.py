@@ -23,7 +23,14 @@ DrawingFlags: Any = flags_of(
 )  # fmt: skip
 LightFlags: Any = flags_of(
     RenderSettings,
-    ("lighting", "ambient", "self_shadows", "shadow_resolution", "light_samples"),
+    (
+        "lighting",
+        "ambient",
+        "self_shadows",
+        "shadow_resolution",
+        "light_samples",
+        "dome_samples",
+    ),
     about="Light and shadows.",
 )
 LevelFlags: Any = flags_of(
@@ -123,8 +130,8 @@ class Options:
     memory_limit: Annotated[str | None, option("SIZE")] = None
     """maximum memory of the process, such as 800M or 6G; default: no limit"""
     resume: Annotated[bool, option()] = False
-    """skip frames whose file exists, unless it is truncated or another picture; cameras, colour,
-    lighting and sorting are not compared"""
+    """skip frames whose file exists, unless it is truncated or another picture: of another camera,
+    setting, file of the stage, or version"""
     tiles: Annotated[str | None, option("COLUMNSxROWS")] = None
     """divide each picture into tiles, which are tasks of their own"""
     tile: Annotated[str | None, option("N|join")] = None

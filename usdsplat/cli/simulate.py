@@ -41,7 +41,7 @@ from typing import TYPE_CHECKING
 from usdsplat.cli import console
 from usdsplat.cli.job_options import check_jobs, resumed
 from usdsplat.cli.reporting import Reporter
-from usdsplat.cli.simulate_job import run_tasks, write_bundle
+from usdsplat.cli.simulate_job import run_tasks, runner_of, write_bundle
 from usdsplat.cli.simulate_options import BakeOrder, Options
 from usdsplat.core import interrupt
 from usdsplat.core.errors import UsageError
@@ -51,6 +51,8 @@ if TYPE_CHECKING:
     from pxr import Usd
 
     from usdsplat.core.progress import Progress
+
+FORKS = True
 
 
 def run(options: Options, reporter: Reporter) -> int:
@@ -114,10 +116,8 @@ def _preset_options(options: Options) -> dict[str, str | None]:
 
 def _bake(options: Options, source: Path, target: Path, reporter: Reporter) -> int:
     """Simulate a stage and write its bake."""
-    from usdsplat.cli.stages import open_stage
-    from usdsplat.interchange.files import check_not_input, is_usd, layer_files
+    from usdsplat.interchange.files import is_usd
     from usdsplat.kernels.compiling import compile_time, on_compile
-    from usdsplat.sim.stage.overrides import override
 
     if not is_usd(source):
         found = f"{source}, which is a capture"
@@ -128,20 +128,17 @@ def _bake(options: Options, source: Path, target: Path, reporter: Reporter) -> i
     for name, given in _preset_options(options).items():
         if given is not None:
             raise UsageError(f"--{name}", f"{given!r} without --preset", "--preset with it")
-    stage = open_stage(source, options.stage_opening, reporter)
-    check_not_input(target, layer_files(stage))
-    for text in (*_tree_overrides(options, stage), *options.overrides):
-        override(stage, text)
-    frames = _frames(options, stage)
-    _check_wedge(options)
-    order = BakeOrder(options=options, stage=stage, target=target, frames=frames)
-    if options.job.openjd is not None:
-        return write_bundle(order, source, options.job.openjd, reporter)
     if options.job.is_asked:
-        run_tasks(order, reporter)
+        with runner_of(options, reporter) as runner:
+            order = _ordered(options, source, target, reporter)
+            if options.job.openjd is not None:
+                return write_bundle(order, source, options.job.openjd, reporter)
+            run_tasks(order, runner)
         order = replace(order, options=replace(options, resume=True))
-    elif options.combination is not None:
-        order = _combination(order, options.combination)
+    else:
+        order = _ordered(options, source, target, reporter)
+        if options.combination is not None:
+            order = _combination(order, options.combination)
     announce = reporter.announce_compilation(
         "compiling kernels, once for each kind of simulation; it takes up to a minute"
     )
@@ -154,6 +151,21 @@ def _bake(options: Options, source: Path, target: Path, reporter: Reporter) -> i
         bake = _wedge if order.options.wedge else _simulate
         bake(order, reporter, progress)
     return 0
+
+
+def _ordered(options: Options, source: Path, target: Path, reporter: Reporter) -> BakeOrder:
+    """Open the stage, and return what is to be baked."""
+    from usdsplat.cli.stages import open_stage
+    from usdsplat.interchange.files import check_not_input, layer_files
+    from usdsplat.sim.stage.overrides import override
+
+    stage = open_stage(source, options.stage_opening, reporter)
+    check_not_input(target, layer_files(stage))
+    for text in (*_tree_overrides(options, stage), *options.overrides):
+        override(stage, text)
+    frames = _frames(options, stage)
+    _check_wedge(options)
+    return BakeOrder(options=options, stage=stage, target=target, frames=frames)
 
 
 def _check_wedge(options: Options) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -17,8 +18,24 @@ from usdsplat.core.folders import check_folder
 if TYPE_CHECKING:
     from usdsplat.jobs.job import Job
 
+BAKING = ("usdsplat.cli.stages", "usdsplat.products.wedge", "usdsplat.sim.stage.simulating")
+"""Modules that tasks which bake need."""
 
-def run_tasks(order: BakeOrder, reporter: Reporter) -> None:
+
+def runner_of(options: Options, reporter: Reporter) -> JobRunner:
+    """Return what runs the tasks of a command. It can fork its processes until a stage is open.
+
+    Raises:
+        UsageError: If the wedge or the number of processes is wrong.
+    """
+    from usdsplat.products.wedge import parse_axes
+
+    bakes = math.prod(len(axis.values) for axis in parse_axes(options.wedge))
+    workers = environments(options.job, device=_device(options), threads=options.threads)
+    return JobRunner(options.job, reporter, workers[:bakes], BAKING)
+
+
+def run_tasks(order: BakeOrder, runner: JobRunner) -> None:
     """Bake by tasks. What is left, such as the contact sheet, is done with --resume.
 
     Raises:
@@ -31,10 +48,8 @@ def run_tasks(order: BakeOrder, reporter: Reporter) -> None:
     if bakes is None and order.target.exists() and not options.resume:
         raise OutputError(str(order.target), "a file", "a new name, or --resume")
     task = replace(_task(options), json=True, reporting=of_task(options.reporting))
-    workers = environments(options.job, device=task.device, threads=options.threads)
-    with JobRunner(options.job, reporter, workers[: bakes or 1]) as runner:
-        for _ in runner.run(_job(order, task, bakes)):
-            pass
+    for _ in runner.run(_job(order, task, bakes)):
+        pass
 
 
 def write_bundle(order: BakeOrder, source: Path, folder: Path, reporter: Reporter) -> int:
@@ -95,13 +110,18 @@ def _bakes(order: BakeOrder) -> int | None:
     return len(planned(order.stage, order.target, order.frames, axes, how))
 
 
+def _device(options: Options) -> str:
+    """Return the device of all tasks."""
+    return "cpu" if options.device == "auto" else options.device
+
+
 def _task(options: Options) -> Options:
     """Return the options of a task, but for its part of the work and its reports."""
     return replace(
         options,
         job=JobOptions(),
         sheet_frame=None,
-        device="cpu" if options.device == "auto" else options.device,
+        device=_device(options),
         resume=False,
         until=None,
     )

@@ -152,6 +152,26 @@ def convert(rgb: npt.ArrayLike, source: str, target: str) -> F64:
     return _encode(linear @ np.reshape(numbers[2:11], (3, 3)).T, numbers[11], numbers[12])
 
 
+def decode(rgb: npt.ArrayLike, space: str) -> F64:
+    """Return linear colours of encoded ones, with the primaries of the space.
+
+    Args:
+        rgb: Straight colours, any shape; negative values and those above 1 are legal.
+        space: Name of the space.
+
+    Raises:
+        UsageError: If the name is unknown.
+    """
+    found = color_space(space)
+    return _decode(np.asarray(rgb, np.float64), found.gamma, found.linear_bias)
+
+
+def encode(rgb: npt.ArrayLike, space: str) -> F64:
+    """Invert `decode`."""
+    found = color_space(space)
+    return _encode(np.asarray(rgb, np.float64), found.gamma, found.linear_bias)
+
+
 def to_xyz(chromaticities: Chromaticities) -> F64:
     """Return the matrix from linear RGB to CIE XYZ under D65, column vectors, shape (3, 3)."""
     d65 = np.array([D65[0], D65[1], 1 - sum(D65)]) / D65[1]

@@ -112,6 +112,14 @@ def capture_files(path: Path) -> tuple[str, ...]:
     return tuple(map(str, files))
 
 
+def chunk_files(path: Path) -> tuple[str, ...]:
+    """Return those of `capture_files` that are read only where they are seen: the chunks of a
+    streamed SOG."""
+    if path.name.lower() != "lod-meta.json":
+        return ()
+    return tuple(each for each in capture_files(path) if Path(each).name != path.name)
+
+
 def check_not_input(target: Path, inputs: Iterable[Path]) -> None:
     """Raise an error if the target is one of the files being read.
 

@@ -1,8 +1,8 @@
 """Run a job with Dask: on a cluster of this process, or on a scheduler at an address.
 
-Tasks are sent as words of a command line, the folder in which they are to be read, and the
-reference to a function; nothing else is pickled. Dask repeats tasks whose workers die, as often as
-its setting `distributed.scheduler.allowed-failures` says. Tasks of a client that dies are
+Tasks are sent as words of a command line, the folder in which they are to be read, our version, and
+the reference to a function; nothing else is pickled. Dask repeats tasks whose workers die, as often
+as its setting `distributed.scheduler.allowed-failures` says. Tasks of a client that dies are
 cancelled.
 
 Source: the documentation of `distributed`.
@@ -34,7 +34,8 @@ INSTALL = "pip install 'usdsplat[farm]'"
 PATIENCE = 15.0
 """Time to wait for a scheduler and a worker [s]."""
 DESERTED = 60.0
-"""Time after which a cluster without workers is given up [s]: others may be started meanwhile."""
+"""Time after which a cluster without workers that meet the needs of all tasks is given up [s]:
+others may be started meanwhile."""
 BEAT = 0.2
 """Time between looks at signals [s]."""
 ROUND = 5.0
@@ -43,10 +44,13 @@ GPU, MEMORY = "GPU", "MEMORY"
 """Resources that workers may declare: a number of GPUs, and bytes. Tasks that need them are sent to
 workers that have them, as soon as one worker declares them."""
 
+Needs = Mapping[str, float]
+"""Resource -> amount that a task takes of it."""
+
 RunTask = Callable[..., dict[str, Any]]
-"""Function that a worker calls with the words of a task and the folder in which they are read, and
-with the results of the tasks before it. It returns the fields of a `TaskResult`, or raises a
-`TaskFailed`."""
+"""Function that a worker calls with the words of a task, the folder in which they are read and the
+version of usdsplat that sends it, and with the results of the tasks before it. It returns the
+fields of a `TaskResult`, or raises a `TaskFailed`."""
 
 
 class TaskFailed(Exception):
@@ -120,7 +124,8 @@ class DaskWorkers:
             retries: How often a task that fails is tried again.
 
         Raises:
-            BackendError: If the scheduler or all workers end, or no worker has what a task needs.
+            BackendError: If the scheduler or all workers end, or no worker has what a task needs,
+                at the beginning or for long.
             Interrupted: If the process was asked to end.
         """
         from distributed import CancelledError
@@ -134,6 +139,7 @@ class DaskWorkers:
                 self._run_task,
                 task.words,
                 os.getcwd(),
+                __version__,
                 *(futures[each] for each in before),
                 key=f"usdsplat-{run}-{number}",
                 retries=retries,
@@ -144,7 +150,7 @@ class DaskWorkers:
         left = {future.key: (task, future) for task, future in futures.items()}
         futures.clear()  # Dask repeats tasks whose results are still wanted when their worker dies
         try:
-            yield from self._ended(left)
+            yield from self._ended(left, resources)
         except (CancelledError, OSError) as error:
             raise BackendError(
                 self._where, "a scheduler that ended", "one that runs; --resume goes on"
@@ -189,17 +195,18 @@ class DaskWorkers:
         declared = {name for each in self._resources for name in each}
         needed = {name: amount for name, amount in needed.items() if name in declared}
         needed |= self._asked
-        if not any(all(each.get(n, 0) >= a for n, a in needed.items()) for each in self._resources):
-            asked = ", ".join(f"{name}={amount:.15g}" for name, amount in needed.items())
-            expected = f"one with --resources {asked!r}"
-            raise BackendError(self._where, "no worker that meets the needs of a task", expected)
+        if lacking := _lacking([needed], self._resources):
+            raise BackendError(self._where, *lacking)
         return needed
 
-    def _ended(self, left: dict[str, tuple[Task, Any]]) -> Iterator[Outcome]:
+    def _ended(
+        self, left: dict[str, tuple[Task, Any]], needs: Mapping[Task, Needs]
+    ) -> Iterator[Outcome]:
         """Yield tasks as they end, and remove them.
 
         Args:
             left: Pairs of a task and its future by the future's key.
+            needs: Resources that each task takes.
         """
         from distributed import wait
 
@@ -210,11 +217,16 @@ class DaskWorkers:
                 looked = time.monotonic()
                 if self._local is not None:
                     self._local.replace_dead()
-                if self._client.nthreads():
+                there = self._client.scheduler_info(n_workers=-1)["workers"].values()
+                lacking = _lacking(
+                    [needs[task] for task, _ in left.values()],
+                    [each["resources"] for each in there],
+                )
+                if not lacking:
                     seen = looked
                 elif looked - seen > DESERTED:
-                    found = "a cluster whose workers all ended"
-                    raise BackendError(self._where, found, "a worker; --resume goes on")
+                    found, expected = lacking
+                    raise BackendError(self._where, found, f"{expected}; --resume goes on")
             try:
                 waiting = [future for _, future in left.values()]
                 done = wait(waiting, timeout=BEAT, return_when="FIRST_COMPLETED").done
@@ -234,6 +246,22 @@ class DaskWorkers:
                 del future
                 outcomes.append(Outcome(task=task, result=result))
             yield from outcomes
+
+
+def _lacking(needs: Sequence[Needs], workers: Sequence[Needs]) -> tuple[str, str] | None:
+    """Return what was found and what was expected, if no worker can run one of some tasks.
+
+    Args:
+        needs: Resources that each task takes.
+        workers: Resources that each worker declares.
+    """
+    if not workers:
+        return "a cluster whose workers all ended", "a worker"
+    for needed in needs:
+        if not any(all(each.get(n, 0) >= a for n, a in needed.items()) for each in workers):
+            asked = ", ".join(f"{name}={amount:.15g}" for name, amount in needed.items())
+            return "no worker that meets the needs of a task", f"one with --resources {asked!r}"
+    return None
 
 
 @contextmanager

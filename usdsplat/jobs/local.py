@@ -2,8 +2,8 @@
 
 Each worker is a process `usdsplat worker`, which is given one task after the other as a line of
 JSON and answers with one. It is forked from this process where the caller can, else started. It
-keeps stages and devices open between tasks. A worker that dies is replaced, and its task is tried
-again.
+keeps stages and devices open between tasks. A worker that dies, or whose answer cannot be read, is
+replaced, and its task is tried again.
 """
 
 from __future__ import annotations
@@ -35,6 +35,7 @@ MARKED = "USDSPLAT_JOB_WORKER"
 """Variable of workers of a job: they mark answers with ANSWER, and end with their parent."""
 _LINES = 20
 """Lines of a worker that died which are kept."""
+_GARBLED = "worker: found an answer that cannot be read, expected a line of JSON"
 _Process = subprocess.Popen[str] | ForkedProcess
 Fork = Callable[[Mapping[str, str]], ForkedProcess]
 """Forks a worker with these variables, in addition to those of this process."""
@@ -221,6 +222,10 @@ class _WorkerProcess:
                 if mark and (result := _parsed(answer)) is not None:
                     return result
                 others = [*others[-_LINES:], line if not mark else before]
+                if mark and answer.endswith("\n"):  # it lives, but does not answer again
+                    process.kill()
+                    process.wait()
+                    return TaskResult(status=2, err=_GARBLED, host=platform.node())
         except BrokenPipeError:
             pass
         status = process.wait()
@@ -253,7 +258,8 @@ class _WorkerProcess:
 
 
 def _parsed(answer: str) -> TaskResult | None:
-    """Return the result that an answer holds; None if the worker died while it wrote it."""
+    """Return the result that an answer holds; None if the worker died while it wrote it, or if
+    something else wrote into it."""
     try:
         return TaskResult(**json.loads(answer), host=platform.node())
     except (ValueError, TypeError):

@@ -40,6 +40,19 @@ def automatic(task: str, seconds: float | None = None) -> tuple[str, str]:
     return ("cuda", "") if seconds > START + (0 if is_ready else COMPILING) else ("cpu", "")
 
 
+def check_gpu() -> None:
+    """Raise the error of `open_device` for a GPU that this machine does not have, without opening
+    one.
+
+    Raises:
+        BackendError: If kernels cannot run on a GPU here.
+    """
+    from usdsplat.kernels.cuda.support import obstacle
+
+    if missing := obstacle():
+        raise BackendError("device cuda", *missing)
+
+
 def open_device(
     name: str = "auto",
     *,

@@ -14,6 +14,10 @@ from .launch import kernel, reduction
 from .position import apply, unproject
 from .shade import DRAWN, NOTHING
 
+MOST_GAIN = np.float32(32)
+"""Largest factor of new to captured light: where a capture was nearly dark, its noise is not
+enlarged further."""
+
 # --- 1. before: receivers in the world --------------------------------------------------
 
 
@@ -150,6 +154,29 @@ def ratios(i, sums, ambient, share, rows, out):
         full = sums[i, 3 + c] + more
         ratio = (sums[i, c] + more) / full if full > np.float32(0) else np.float32(1)
         out[at, c] = ratio if np.float32(0) <= ratio <= np.float32(1) else np.float32(1)
+
+
+@kernel(over="sums", writes=("out",))
+def relight(i, sums, captured, ambient, captured_ambient, rows, out):
+    """Write the ratio of the light that arrives at a receiver to that in which it was photographed,
+    0 to MOST_GAIN.
+
+    Args:
+        sums, captured: Results of `lighting.illuminate` for both lights.
+        ambient, captured_ambient: Light that no light explains, r g b, shape (3,) f32.
+        rows, out: See `ratios`.
+    """
+    at = np.int64(i)
+    if rows.shape[0] > 0:
+        at = i - i % rows.shape[0] + rows[i % rows.shape[0]]
+    for c in range(3):
+        new, old = sums[i, c] + ambient[c], captured[i, c] + captured_ambient[c]
+        gain = np.float32(1)
+        if old > np.float32(0):
+            gain = new / old
+        elif new > np.float32(0):
+            gain = MOST_GAIN
+        out[at, c] = min(gain, MOST_GAIN) if gain >= np.float32(0) else np.float32(1)
 
 
 @kernel(over="found", writes=("paints",), team=True)

@@ -75,7 +75,14 @@ _GROUPS: Mapping[str, tuple[str, ...]] = {
         "splat_budget",
         "blend_space",
     ),
-    "Light": ("lighting", "ambient", "self_shadows", "shadow_resolution", "light_samples"),
+    "Light": (
+        "lighting",
+        "ambient",
+        "self_shadows",
+        "shadow_resolution",
+        "light_samples",
+        "dome_samples",
+    ),
     "Levels of detail": ("lod_error", "lod_samples", "node_wait", "node_memory", "node_lifetime"),
     "Colour": (
         "color_mode",

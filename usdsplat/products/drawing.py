@@ -109,7 +109,7 @@ def draw_frames(
         if wrong is not None and plan not in warned:  # their number differs from frame to frame
             warned.add(plan)
             findings.add(wrong, time=since)
-        origin = Origin(stage=source, frame=frame)
+        origin = Origin(stage=source, frame=frame, stamp=ready.lasting_stamp(plan, frame))
         file = PictureFile(
             plan=plan,
             path=path if step is None or step.joins else step.path(path),
@@ -151,7 +151,7 @@ def draw_frames(
             frame=frame,
             product=plan.product or None,
             camera=view.camera.path or None,
-            aovs=tuple(dict.fromkeys((*ALWAYS, *plan.aovs))) if plan.deep else plan.aovs,
+            aovs=aovs_in(plan),
             device=engine.device,
             resolution=view.framing.resolution,
             splats=stats.splats,
@@ -159,6 +159,11 @@ def draw_frames(
             seconds=seconds,
             deep_samples=None if report is None else report.samples,
         )
+
+
+def aovs_in(plan: PicturePlan) -> tuple[str, ...]:
+    """Return the names of the AOVs in the file of a picture."""
+    return tuple(dict.fromkeys((*ALWAYS, *plan.aovs))) if plan.deep else plan.aovs
 
 
 def write_picture(

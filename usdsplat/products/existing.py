@@ -29,18 +29,19 @@ _WHOLE = {
 """Suffix -> whether a file is complete."""
 
 
-def difference(plan: PicturePlan, frame: float, path: Path, *, stage_hash: str) -> str:
+def difference(plan: PicturePlan, frame: float, path: Path, *, stage_hash: str, stamp: str) -> str:
     """Return how an existing picture differs from a plan; "" if it need not be drawn again.
 
     The file must be complete. Resolution, data window, channels, frame, samples, background and,
-    where the header has it, the hash of the stage's files are compared. No pixel is read, and other
-    settings are not compared.
+    where the header has them, the hash of the stage's files and the stamp are compared. No pixel is
+    read.
 
     Args:
         plan: The picture.
         frame: Time code.
         path: The existing file.
         stage_hash: Result of `source_hash` for the files of the stage; "" compares none.
+        stamp: Result of `picture_stamp`; "" compares none.
     """
     if not path.is_file():
         return "something that is not a plain file"
@@ -61,14 +62,18 @@ def difference(plan: PicturePlan, frame: float, path: Path, *, stage_hash: str) 
     if stage_hash and found and found != stage_hash:
         return "a picture of another version of the stage's files"
     layout, is_exr = layout_of(plan), suffix == ".exr"
-    return _differing(specs, plan, layout, is_exr=is_exr) or _relabelled(entries, plan, frame)
+    differing = _differing(specs, plan, layout, is_exr=is_exr) or _relabelled(entries, plan, frame)
+    made = entries.get("usdsplat:stamp")
+    if differing or not (stamp and made) or made == stamp:
+        return differing
+    return "a picture made with another setting, file or version of usdsplat"
 
 
 def _entries(spec: oiio.ImageSpec, path: Path) -> dict[str, Any]:
     """Return the header entries of a picture that `--resume` compares with the plan."""
     from PIL import Image as pillow
 
-    names = ("stageHash", "frame", "samples", "background")
+    names = ("stageHash", "stamp", "frame", "samples", "background")
     keys = [f"usdsplat:{name}" for name in names]
     if path.suffix.lower() in (".exr", ".png"):
         return {key: spec.getattribute(key) for key in keys}

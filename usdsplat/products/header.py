@@ -50,6 +50,8 @@ class Origin:
     """Name of a camera that is not a prim of the stage."""
     shown: Mapping[str, str | float] = field(default_factory=dict)
     """Viewer adjustments that are part of the pixels, such as exposure; empty for an EXR."""
+    stamp: str = ""
+    """Result of `picture_stamp`, which `render --resume` compares; "" for none."""
 
 
 def output_space(plan: PicturePlan) -> str:
@@ -138,6 +140,7 @@ def picture_header(engine: Engine, plan: PicturePlan, view: View, *, origin: Ori
             samples=plan.settings.samples,
             exposure=view.camera.exposure,
         ),
+        **({"usdsplat:stamp": origin.stamp} if origin.stamp else {}),
         "usdsplat:camera": view.camera.path or origin.camera,
         **({"usdsplat:background": described(plan.background)} if plan.background else {}),
         **_drawing(engine, plan),

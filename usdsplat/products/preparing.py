@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -21,7 +22,8 @@ from usdsplat.products.holdouts import check_file, holdout_of, lacking_depth
 from usdsplat.products.preflight import findings_of, go_to
 from usdsplat.products.request import PicturePlan
 from usdsplat.products.source_hash import source_hash
-from usdsplat.products.tiles import TileStep, is_drawn, remove_tiles, stamp
+from usdsplat.products.stamp import picture_stamp
+from usdsplat.products.tiles import TileStep, is_drawn, remove_tiles
 from usdsplat.render.cost import Work
 from usdsplat.render.specs import CameraSpec
 
@@ -44,7 +46,12 @@ class DrawOptions:
     tile: TileStep | None = None
     """What to do with the tiles of each picture; None for whole pictures."""
     files: tuple[Path, ...] = ()
-    """Files of a capture, on which tiles depend; empty for a stage, whose files are known."""
+    """Files of a capture; empty for a stage, whose files are known."""
+    chunks: tuple[Path, ...] = ()
+    """Further files of a capture, of which only names and sizes are compared."""
+    opening: tuple[str, ...] = ()
+    """How the stage was opened, where its files do not say it: variants, muted layers, a mask, the
+    axes of a capture."""
     fitted: tuple[float, ...] = ()
     """Frames that the camera of a picture without one frames; empty for the first, the middle and
     the last one."""
@@ -89,12 +96,25 @@ class Preparation:
     budgets: dict[PicturePlan, Budget]
     whole: dict[PicturePlan, PicturePlan]
     """Plan of what is drawn -> plan of the picture."""
-    hash: str
-    """Hash of the files of the stage or capture; "" without tiles."""
+    opening: tuple[str, ...]
+    fitted: tuple[float, ...]
+    """Frames that the camera of a picture without one frames."""
+    source: Callable[[], str]
+    """Returns the hash of the files of the stage or capture; "" if they are not saved."""
 
     def stamp(self, plan: PicturePlan, frame: float) -> str:
-        """Return the stamp of a tile."""
-        return stamp(self.whole[plan], frame, self.cameras[plan], source=self.hash)
+        """Return the stamp of a picture, which its tiles share."""
+        return picture_stamp(
+            self.whole[plan],
+            frame,
+            source=self.source(),
+            opening=self.opening,
+            fitted=self.fitted,
+        )
+
+    def lasting_stamp(self, plan: PicturePlan, frame: float) -> str:
+        """Return the stamp of a picture; "" if nobody could tell later of what it was made."""
+        return self.stamp(plan, frame) if self.source() else ""
 
     def has_tile(self, engine: Engine, step: TileStep, job: _Job) -> bool:
         """Return whether the tile of a step is drawn, as it would be drawn now."""
@@ -112,16 +132,20 @@ def prepared(
     """Check everything before the first picture is drawn."""
     plans = [with_node_memory(plan, options.memory_limit) for plan in plans]
     whole = {options.tile.planned(plan) if options.tile else plan: plan for plan in plans}
-    jobs = _undrawn(engine, whole, frames, options, findings)
+    jobs: list[_Job] = []
     cameras: dict[PicturePlan, CameraSpec | None] = {}
-    source = ""
-    if jobs:
-        fitted = options.fitted or frames
-        cameras = {plan: _framing_camera(engine, whole[plan], fitted) for plan in whole}
-        if options.tile is not None:
-            source = stage_hash(engine) or source_hash([str(path) for path in options.files])
     budgets: dict[PicturePlan, Budget] = {}
-    found = Preparation(jobs, cameras, budgets, whole, source)
+    fitted = framed(options.fitted or frames)
+
+    @functools.cache
+    def source() -> str:
+        files, chunks = (list(map(str, each)) for each in (options.files, options.chunks))
+        return stage_hash(engine) or source_hash(files, chunks)
+
+    found = Preparation(jobs, cameras, budgets, whole, options.opening, fitted, source)
+    jobs += _undrawn(engine, found, frames, options, findings)
+    if jobs:
+        cameras |= {plan: _framing_camera(engine, whole[plan], fitted) for plan in whole}
     if options.existing == "resume" and options.tile is not None and not options.tile.joins:
         jobs[:] = [job for job in jobs if not found.has_tile(engine, options.tile, job)]
     engine.expect(work_of(list(whole), frames))
@@ -178,11 +202,15 @@ def _opened(jobs: Sequence[_Job]) -> dict[PicturePlan, Holdout | None]:
 def _framing_camera(
     engine: Engine, plan: PicturePlan, frames: Sequence[float]
 ) -> CameraSpec | None:
-    """Return one camera for all frames if the picture has none, so that motion is visible."""
+    """Return one camera for all frames if the picture has none, so that motion is visible.
+
+    Args:
+        frames: Those that it frames.
+    """
     if plan.camera is not None:
         return None
     engine.set_purposes(plan.purposes)
-    return engine.framing_camera(framed(frames), framing=plan.framing)
+    return engine.framing_camera(frames, framing=plan.framing)
 
 
 def files_of(plans: Sequence[PicturePlan], frames: Sequence[float]) -> list[tuple[Path, ...]]:
@@ -201,16 +229,13 @@ def files_of(plans: Sequence[PicturePlan], frames: Sequence[float]) -> list[tupl
 
 def _undrawn(
     engine: Engine,
-    plans: dict[PicturePlan, PicturePlan],
+    ready: Preparation,
     frames: Sequence[float],
     options: DrawOptions,
     findings: Findings,
 ) -> list[_Job]:
-    """Return the pictures whose files are to be written, frame by frame.
-
-    Args:
-        plans: Plan of what is drawn -> plan of the picture.
-    """
+    """Return the pictures whose files are to be written, frame by frame."""
+    plans = ready.whole
     names = files_of(list(plans.values()), frames)
     jobs = [
         (plan, frame, group[i])
@@ -226,8 +251,10 @@ def _undrawn(
         return jobs
     left, current = [], stage_hash(engine)
     for plan, frame, path in jobs:
-        is_there = path.exists()
-        found = difference(plans[plan], frame, path, stage_hash=current) if is_there else ""
+        is_there, found = path.exists(), ""
+        if is_there:
+            stamp = ready.lasting_stamp(plan, frame)
+            found = difference(plans[plan], frame, path, stage_hash=current, stamp=stamp)
         if found:
             findings.say(f"{path}: found {found}; it is drawn again")
         if found or not is_there:

@@ -12,6 +12,7 @@ from usdsplat.products.deep import DeepReport
 from usdsplat.products.request import PicturePlan
 from usdsplat.render.draw_list import ELEMENT_IDS
 from usdsplat.render.frame_stats import FrameStats
+from usdsplat.render.lights.needs import mode_of
 from usdsplat.render.sampling import has_lens
 from usdsplat.render.settings import RenderSettings, usd_names
 from usdsplat.render.specs import CameraSpec, View
@@ -116,15 +117,21 @@ NOTE: Severity = "note"
 
 
 def shadows(engine: Engine, plan: PicturePlan) -> Iterator[Finding]:
-    """Yield a finding if a picture with shadows has no lights, and on each splat tree in it; a note
-    where only the AOV is asked for, as among all AOVs."""
-    is_lit = plan.settings.lighting == "shadowed"
-    if not is_lit and "shadow" not in plan.aovs:
+    """Yield a finding if a picture with shadows has no lights, on each relit field whose light is
+    estimated, and on each splat tree; a note where only the AOV is asked for, as among all AOVs."""
+    is_lit, scene = plan.settings.lighting != "captured", engine.render_scene
+    modes = {mode_of(field.spec, plan.settings) for field in scene.visible_fields()}
+    if not is_lit and "shadow" not in plan.aovs and "relit" not in modes:
         return
-    scene, severity = engine.render_scene, None if is_lit else NOTE
+    severity = None if is_lit else NOTE
     if not scene.lights:
         where, expected = plan.product or "lighting", "one or more lights"
         yield finding("no-lights", where, "no lights", expected, severity=severity)
+    for path, field, _ in scene.drawn() if scene.lights else ():
+        named = any(scene.light(each) for each in field.spec.captured_lights)
+        if mode_of(field.spec, plan.settings) == "relit" and not named:
+            expected = "a light in splat:lighting:captured"
+            yield finding("estimated-light", path, "no light of the photographs", expected)
     for path, _ in scene.drawn_trees():
         yield finding("unlit-tree", path, "a splat tree", "a splat field", severity=severity)
 

@@ -7,7 +7,6 @@ whole picture, but for the date. Then it removes the folder.
 
 from __future__ import annotations
 
-import hashlib
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
@@ -18,7 +17,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from usdsplat import __version__
 from usdsplat.core.cloud import I64
 from usdsplat.core.errors import FormatError, OutputError, UsageError
 from usdsplat.core.folders import made_folder
@@ -26,15 +24,12 @@ from usdsplat.core.output import remove_stale
 from usdsplat.core.pairs import whole_pair
 from usdsplat.delegate.engine import Engine
 from usdsplat.images.deep import DeepBand
-from usdsplat.images.frame_numbers import frame_path
 from usdsplat.products.deep import DeepReport, deep_bands, write_deep
 from usdsplat.products.flat import flat_bands, write_flat
 from usdsplat.products.picture_file import PictureFile, RowsWritten
-from usdsplat.products.request import NO_NAME, PicturePlan, Window
-from usdsplat.products.source_hash import source_hash
+from usdsplat.products.request import PicturePlan, Window
 from usdsplat.render.band import Band
 from usdsplat.render.frame_stats import FrameStats
-from usdsplat.render.specs import CameraSpec
 from usdsplat.sim.arrays_file import load_arrays, save_arrays
 
 MOST = 64
@@ -156,7 +151,7 @@ class TileStep:
             engine: Engine that draws.
             file: The tile or the picture.
             picture: Path of the picture.
-            stamped: See `stamp`.
+            stamped: See `picture_stamp`.
             rows_written: See `draw_flat`.
 
         Raises:
@@ -171,24 +166,6 @@ class TileStep:
         if not self.keeps:
             remove_tiles(picture)
         return report, joined.stats
-
-
-def stamp(plan: PicturePlan, frame: float, camera: CameraSpec | None, *, source: str) -> str:
-    """Return a text that is equal for tiles of one picture: a hash of all that it depends on, but
-    the places of files.
-
-    Args:
-        plan: Plan of the whole picture.
-        frame: Time code.
-        camera: Camera of a picture that has none on the stage.
-        source: Hash of the files of the stage, see `header.stage_hash`, or of the capture.
-    """
-    read = [frame_path(plan.holdout, frame)] if plan.holdout else []
-    read += [Path(plan.settings.ocio_config)] if plan.settings.ocio_config else []
-    placeless = replace(plan, output=NO_NAME, holdout=None, findings=())
-    values = [__version__, repr(placeless), repr(float(frame)), repr(camera), source]
-    values += [source_hash([str(path)]) for path in read]
-    return hashlib.sha256("\0".join(values).encode(errors="surrogateescape")).hexdigest()
 
 
 def is_drawn(path: Path, stamped: str, device: str) -> bool:
@@ -228,7 +205,7 @@ def draw_tile(
     Args:
         engine: Engine that draws.
         file: The tile: a plan whose data window it is, and its path.
-        stamped: See `stamp`.
+        stamped: See `picture_stamp`.
         rows_written: See `draw_flat`.
 
     Raises:
@@ -279,7 +256,7 @@ class JoinedTiles:
         step: The tiling.
         picture: Path of the picture.
         whole: Its data window.
-        stamped: See `stamp`.
+        stamped: See `picture_stamp`.
 
     Raises:
         OutputError: If a tile is missing, is one of another picture, or if tiles were drawn by

@@ -218,13 +218,17 @@ class RenderScene:
 
     @property
     def lights(self) -> tuple[LightSpec, ...]:
-        """All lights, by path."""
-        return tuple(self._lights[path] for path in sorted(self._lights))
+        """All visible lights, by path."""
+        return tuple(self.named_lights[path] for path in sorted(self.named_lights))
 
     @property
     def named_lights(self) -> Mapping[str, LightSpec]:
-        """All lights by path."""
-        return MappingProxyType(self._lights)
+        """All visible lights by path."""
+        return MappingProxyType({path: each for path, each in self._lights.items() if each.is_on})
+
+    def light(self, path: str) -> LightSpec | None:
+        """Return the light at `path`, visible or not; None if there is none."""
+        return self._lights.get(path)
 
     def catchers(self) -> set[str]:
         """Return the paths of all drawn prims that are shadow catchers by themselves."""

@@ -77,11 +77,11 @@ class RenderSettings:
         unit="s",
         range=(0.0, 1e6),
     )
-    lighting: Literal["captured", "shadowed"] = knob(
+    lighting: Literal["captured", "shadowed", "relit"] = knob(
         "captured",
         "light of splats: captured shows them as they were photographed; shadowed darkens them "
         "where other prims stand between them and the lights of the stage, and surfaces cast and "
-        "receive shadows",
+        "receive shadows; relit also replaces the light of the photographs by that of the stage",
     )
     ambient: float = knob(
         0.2,
@@ -105,6 +105,12 @@ class RenderSettings:
         16,
         "number of directions or points that stand for a light with an extent; more make penumbras "
         "smoother",
+        range=(1, 4096),
+    )
+    dome_samples: int = knob(
+        128,
+        "number of directions in which the sky of a dome light is looked for; more make its "
+        "shadows smoother, and its brightness does not depend on it",
         range=(1, 4096),
     )
     blend_space: Literal["auto", "linear"] = knob(

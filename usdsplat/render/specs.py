@@ -18,7 +18,7 @@ IDENTITY: Matrix = (1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 
 
 RasterizeMode = Literal["classic", "antialiased", "footprint"]
 ProjectionMode = Literal["perspective", "tangential"]
-LightingMode = Literal["auto", "captured", "shadowed"]
+LightingMode = Literal["auto", "captured", "shadowed", "relit"]
 SortingMode = Literal["zDepth", "cameraDistance", "rayHitDistance"]
 CropShape = Literal["sphere", "cube", "cylinder", "cone", "capsule", "plane"]
 Wrap = Literal["black", "clamp", "repeat", "mirror"]
@@ -88,6 +88,8 @@ class FieldSpec:
     """Authored normals; None if they are computed when they are needed."""
     lighting: LightingMode = "auto"
     """Light of the splats; auto for that of the picture."""
+    captured_lights: tuple[str, ...] = ()
+    """Paths of the lights in which the splats were photographed; empty if these are estimated."""
     is_catcher: bool = False
     """Whether the prim is a shadow catcher."""
 

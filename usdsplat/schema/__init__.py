@@ -22,6 +22,7 @@ from usdsplat.schema.field import (
 from usdsplat.schema.grading import author_grade, grade, has_grade, is_grade_varying
 from usdsplat.schema.hints import (
     DrawingHints,
+    captured_lights,
     color_space,
     footprint,
     is_known_color_space,
@@ -36,6 +37,7 @@ from usdsplat.schema.lod_roots import is_lod_root, read_lod_root
 from usdsplat.schema.packing import harmonics_width
 from usdsplat.schema.proxy import place as place_proxy
 from usdsplat.schema.proxy import settle as settle_proxy
+from usdsplat.schema.radiance_overs import author_radiance
 from usdsplat.schema.surface_primvars import (
     SurfacePrimvars,
     author_surface,
@@ -67,9 +69,11 @@ __all__ = [
     "author",
     "author_grade",
     "author_lod_root",
+    "author_radiance",
     "author_surface",
     "author_tree",
     "broken_rules",
+    "captured_lights",
     "color_space",
     "compute_extent",
     "empty",

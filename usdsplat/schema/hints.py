@@ -104,8 +104,14 @@ def sorting_mode(prim: Usd.Prim) -> str:
 
 
 def lighting_mode(prim: Usd.Prim) -> str:
-    """Return "auto", "captured" or "shadowed"; any other value counts as auto."""
+    """Return "auto", "captured", "shadowed" or "relit"; any other value counts as auto."""
     return _token(prim, tokens.LIGHTING, tokens.LIGHTING_MODES)
+
+
+def captured_lights(prim: Usd.Prim) -> tuple[str, ...]:
+    """Return the paths of the lights in which a field was photographed; empty if unknown."""
+    relationship = prim.GetRelationship(tokens.CAPTURED_LIGHTS)
+    return tuple(str(path) for path in relationship.GetForwardedTargets()) if relationship else ()
 
 
 def is_shadow_catcher(prim: Usd.Prim) -> bool:

@@ -49,6 +49,13 @@ def author(
     attributes.forget(prim, {*tokens.HALF_OF, *tokens.HALF_OF.values()} - {tokens.POSITIONS})
     positions = to_vt(centres, Vt.Vec3fArray)
     set_array(prim, tokens.POSITIONS, _Type.Point3fArray, positions, code)
+    author_appearance(prim, arrays, code=code)
+    set_uniform(prim, tokens.PACKING, _Type.Token, packing.TOKEN)
+    set_uniform(prim, tokens.SH_DEGREE, _Type.Int, arrays.degree)
+
+
+def author_appearance(prim: Usd.Prim, arrays: packing.PackedArrays, *, code: Usd.TimeCode) -> None:
+    """Write all packed arrays of a prim, which hold everything but the centres."""
     for name, kind, vt_kind, value in (
         (tokens.PACKED, _Type.Int4Array, Vt.Vec4iArray, arrays.core),
         (tokens.COLOR_RANGE, _Type.Float3Array, Vt.Vec3fArray, arrays.color_range),
@@ -56,8 +63,6 @@ def author(
         (tokens.HARMONICS_RANGE, _Type.FloatArray, Vt.FloatArray, arrays.harmonics_range),
     ):
         set_array(prim, name, kind, to_vt(value, vt_kind), code)
-    set_uniform(prim, tokens.PACKING, _Type.Token, packing.TOKEN)
-    set_uniform(prim, tokens.SH_DEGREE, _Type.Int, arrays.degree)
 
 
 def fetch(prim: Usd.Prim, code: Usd.TimeCode, time: attributes.Time) -> SplatCloud:

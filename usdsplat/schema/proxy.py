@@ -89,6 +89,14 @@ def author(prim: Usd.Prim, path: Sdf.Path, cloud: SplatCloud, *, code: Usd.TimeC
     return found
 
 
+def author_colors(points: Usd.Prim, cloud: SplatCloud, *, code: Usd.TimeCode) -> None:
+    """Write the colours of a proxy again."""
+    step = max(1, -(-len(cloud) // MAX_POINTS))
+    colors = np.clip(dc_to_rgb(cloud.sh[::step, 0]), 0, 1).astype(np.float32)
+    value = to_vt(colors, Vt.Vec3fArray)
+    set_array(points, "primvars:displayColor", _Type.Color3fArray, value, code)
+
+
 def place(field: Usd.Prim, points: Usd.Prim | None = None) -> None:
     """Give the proxy of a field the field's own transform and visibility, with all time samples.
 

@@ -82,6 +82,21 @@ def author(prim: Usd.Prim, cloud: SplatCloud, *, half: bool, code: Usd.TimeCode)
     set_uniform(prim, tokens.SH_DEGREE, _Type.Int, cloud.sh_degree)
 
 
+def author_harmonics(prim: Usd.Prim, cloud: SplatCloud, *, half: bool, code: Usd.TimeCode) -> None:
+    """Write the harmonics of a stock prim alone.
+
+    Raises:
+        UsageError: If `half`, and a number exceeds the range of half precision.
+    """
+    if half:
+        check_half(cloud)
+    name = tokens.SH_COEFFICIENTS
+    kind, vt_kind = (_HALF if half else _FLOAT)[name]
+    target = tokens.HALF_OF[name] if half else name
+    written = set_array(prim, target, kind, to_vt(cloud.sh.reshape(-1, 3), vt_kind), code)
+    _set_primvar_metadata(written, cloud.sh.shape[1])
+
+
 def check_half(cloud: SplatCloud) -> None:
     """Raise an error for numbers that half precision would make infinite.
 

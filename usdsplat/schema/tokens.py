@@ -68,6 +68,8 @@ LOD_ROOT = "splat:lod:root"
 """Relationship of a splat tree to the LOD root that stands for it in other renderers."""
 
 LIGHTING = "splat:lighting"
+CAPTURED_LIGHTS = "splat:lighting:captured"
+"""Relationship of a field to the lights in which it was photographed."""
 CATCHER_API = "SplatShadowCatcherAPI"
 
 GRADE_EXPOSURE = "splat:grade:exposure"
@@ -94,7 +96,7 @@ SCHEMA_FALLBACK_DEGREE = 3
 
 RASTERIZE_MODES = ("classic", "antialiased")
 PROJECTION_MODES = ("perspective", "tangential")
-LIGHTING_MODES = ("auto", "captured", "shadowed")
+LIGHTING_MODES = ("auto", "captured", "shadowed", "relit")
 SORTING_MODES = ("zDepth", "cameraDistance", "rayHitDistance")
 
 DEFAULT_COLOR_SPACE = "srgb_rec709_scene"

@@ -12,6 +12,7 @@ from pxr import Gf, Sdf, Usd, UsdGeom, UsdLux
 from tests.delegate.surface_stages import add_light
 from usdsplat import procedural_capture, schema
 from usdsplat.delegate.engine import Engine
+from usdsplat.render.lights.dome import peak_lights
 from usdsplat.render.matte import is_matte
 
 
@@ -211,3 +212,120 @@ def test_a_catcher_and_the_mode_of_a_field_are_read() -> None:
         engine.sync()
         assert engine.render_scene.catchers() == {"/Splats", "/Cube"}
         assert engine.render_scene.visible_fields()[0].spec.lighting == "shadowed"
+
+
+def sky_picture(folder, name="sky.exr", *, spot=(0.5, 0.5), edit=lambda pixels: None):
+    """A dark latlong picture with a bright pixel."""
+    import OpenImageIO as oiio
+
+    pixels = np.full((32, 64, 3), 0.01, np.float32)
+    pixels[int(spot[1] * 32), int(spot[0] * 64)] = 500.0
+    edit(pixels)
+    path = folder / name
+    file = oiio.ImageOutput.create(str(path))
+    file.open(str(path), oiio.ImageSpec(64, 32, 3, "float"))
+    file.write_image(pixels)
+    file.close()
+    return str(path)
+
+
+@pytest.mark.parametrize(
+    ("kind", "up", "pole", "to_center", "to_top"),
+    [
+        ("DomeLight", "Z", None, (0, 0, 1), (0, 1, 0)),
+        ("DomeLight_1", "Y", None, (0, 0, 1), (0, 1, 0)),
+        ("DomeLight_1", "Z", None, (0, -1, 0), (0, 0, 1)),
+        ("DomeLight_1", "Y", "Z", (0, -1, 0), (0, 0, 1)),
+        ("DomeLight_1", "Z", "Y", (0, 0, 1), (0, 1, 0)),
+    ],
+)
+def test_a_dome_stands_on_its_pole(tmp_path, kind, up, pole, to_center, to_top) -> None:
+    """Oracle: UsdLux: the pole is +y, or that of poleAxis; a quarter turn about x takes y to z."""
+    for spot, towards in (((0.5, 0.5), to_center), ((0.5, 0.0), to_top)):
+        stage = Usd.Stage.CreateInMemory()
+        UsdGeom.SetStageUpAxis(stage, up)
+        prim = stage.DefinePrim("/Sky", kind)
+        prim.GetAttribute("inputs:texture:file").Set(sky_picture(tmp_path, spot=spot))
+        if pole:
+            prim.GetAttribute("poleAxis").Set(pole)
+        (light,) = shining(UsdLux.LightAPI(prim))
+        (peak,) = peak_lights(light)
+        assert np.dot(peak.direction, towards) < -math.cos(math.radians(6))
+
+
+def test_intensity_exposure_and_colour_of_a_dome_are_its_radiance(tmp_path) -> None:
+    """Oracle: colour · intensity · 2^exposure; normalize has no effect on a light without a
+    size."""
+    stage = Usd.Stage.CreateInMemory()
+    sky = UsdLux.DomeLight.Define(stage, "/Sky")
+    for name, value in (("intensity", 3.0), ("exposure", 1.0), ("normalize", True)):
+        sky.GetPrim().GetAttribute(f"inputs:{name}").Set(value)
+    sky.CreateColorAttr(Gf.Vec3f(1, 0.5, 0.25))
+    sky.CreateTextureFormatAttr("latlong")
+    sky.CreateTextureFileAttr(sky_picture(tmp_path))
+    (found,) = shining(sky)
+    assert found.kind == "dome" and found.radiance == pytest.approx((6.0, 3.0, 1.5))
+    with Engine(stage) as engine:
+        before = engine.render_scene.lights[0]
+        UsdGeom.Xformable(sky).AddRotateYOp().Set(90.0)
+        engine.sync()
+        (after,) = engine.render_scene.lights
+        assert after.sky is before.sky and after.to_world != before.to_world
+
+
+@pytest.mark.parametrize(
+    ("attribute", "value", "code", "sentence"),
+    [
+        ("texture:file", "none.exr", "bad-light", "none.exr"),
+        ("texture:format", "mirroredBall", "bad-light", "automatic or latlong"),
+        ("intensity", 1e31, "bad-light", "at most 1e+30"),
+        ("intensity", math.inf, "bad-light", "a finite number"),
+        ("texture:file", "broken", "bad-texels", "2 pixels of 2048"),
+    ],
+)
+def test_mistakes_of_a_dome_are_findings(tmp_path, attribute, value, code, sentence) -> None:
+    """Oracle: the sentences; broken pixels are black, and other mistakes leave the dome out."""
+
+    def damage(pixels):
+        pixels[3, 4], pixels[5, 6] = math.nan, -1.0
+
+    stage = Usd.Stage.CreateInMemory()
+    sky = UsdLux.DomeLight.Define(stage, "/Sky")
+    sky.CreateTextureFileAttr(sky_picture(tmp_path))
+    if value == "broken":
+        value = sky_picture(tmp_path, "broken.exr", edit=damage)
+    sky.GetPrim().GetAttribute(f"inputs:{attribute}").Set(value)
+    with Engine(stage) as engine:
+        (found,) = engine.findings
+        assert (found.code, found.path) == (code, "/Sky") and sentence in found.message
+        assert len(engine.render_scene.lights) == (code == "bad-texels")
+        sky.GetPrim().SetActive(False)
+        engine.sync()
+        assert engine.findings == ()
+
+
+def test_a_hidden_light_is_read_if_a_field_names_it_as_that_of_its_photographs() -> None:
+    """Oracle: the relationship; edits of it and of the light are seen, and it lights nothing."""
+    stage = Usd.Stage.CreateInMemory()
+    prim = schema.author(stage, "/Splats", procedural_capture(2000))
+    sky = UsdLux.DomeLight.Define(stage, "/Set")
+    sky.MakeInvisible()
+    with Engine(stage) as engine:
+        scene = engine.render_scene
+        assert scene.light("/Set") is None
+        names = prim.CreateRelationship("splat:lighting:captured", custom=False)
+        names.SetTargets(["/Set"])
+        engine.sync()
+        assert scene.visible_fields()[0].spec.captured_lights == ("/Set",)
+        assert scene.light("/Set") is not None and scene.lights == ()
+        sky.CreateIntensityAttr(3.0)
+        engine.sync()
+        assert scene.light("/Set").radiance == (3.0, 3.0, 3.0)
+        sky.MakeVisible()
+        engine.sync()
+        assert len(scene.lights) == 1
+        sky.MakeInvisible()
+        names.ClearTargets(True)
+        engine.sync()
+        assert scene.light("/Set") is None
+        assert scene.visible_fields()[0].spec.captured_lights == ()

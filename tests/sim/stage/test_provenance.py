@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -12,7 +13,7 @@ from pxr import Sdf, Usd, Vt
 from tests.schema.clouds import cloud
 from tests.schema.test_value_clips import clipped
 from tests.sim.stage.bakes import PATH, save_stage
-from usdsplat.sim.stage.provenance import input_hash, parameter_hash
+from usdsplat.sim.stage.provenance import input_hash, parameter_hash, parameter_lines
 
 TIMES = (1.0, 2.0, 3.0)
 
@@ -84,6 +85,35 @@ def test_what_is_chosen_when_a_stage_is_opened_counts(stage: Usd.Stage) -> None:
         sets.SetVariantSelection("b")
     assert parameter_hash(stage, TIMES) != before
     assert input_hash(stage, without=[session.identifier]) == files
+
+
+@pytest.mark.parametrize("kind", ["Asset", "AssetArray"])
+def test_a_file_of_a_mask_counts_by_its_content_wherever_it_is(
+    stage: Usd.Stage, tmp_path: Path, kind: str
+) -> None:
+    """Oracle: the hash, of the stage in another folder, then with another picture, and with another
+    name; and the property that is named."""
+    file = sim(stage).CreateAttribute("splatSim:mask:m:file", getattr(Sdf.ValueTypeNames, kind))
+    path = Sdf.AssetPath("./mask.png")
+    file.Set(path if kind == "Asset" else [path])
+    stage.Save()
+    (tmp_path / "mask.png").write_bytes(b"one")
+    moved = tmp_path.with_name(f"{tmp_path.name} moved")
+
+    def found(folder: Path) -> tuple[str, tuple[str, ...]]:
+        opened = Usd.Stage.Open(str(folder / Path(stage.GetRootLayer().realPath).name))
+        return parameter_hash(opened, TIMES), parameter_lines(opened, TIMES)
+
+    before = found(tmp_path)
+    shutil.copytree(tmp_path, moved)
+    assert found(moved) == before
+    (moved / "mask.png").write_bytes(b"two")
+    other, lines = found(moved)
+    assert other != before[0]
+    (changed,) = set(lines) - set(before[1])
+    assert changed.endswith("  /World/Sim.splatSim:mask:m:file")
+    (moved / "mask.png").unlink()
+    assert found(moved)[0] not in (before[0], other)
 
 
 def test_every_file_of_a_stage_is_an_input(stage: Usd.Stage, tmp_path: Path) -> None:

@@ -34,6 +34,11 @@ CODES: dict[str, Code] = {
         "a bake was interrupted, and lacks frames",
         "continue it with simulate --resume and the same --set, or bake it again with --force",
     ),
+    "not-relit": Code(
+        "warning",
+        "the colours of a field cannot be authored under other lights",
+        "show the field, edit it outside its instances, or relight the captures of a splat tree",
+    ),
     "no-normals": Code(
         "warning",
         "normals cannot be authored on a field",

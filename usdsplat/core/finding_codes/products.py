@@ -147,6 +147,12 @@ CODES: dict[str, Code] = {
         "add a light, or make one visible",
         "nothing casts shadows",
     ),
+    "estimated-light": Code(
+        "note",
+        "a field is relit whose photographs' light is not named",
+        "name it in splat:lighting:captured; usdsplat relight says how well the estimate fits",
+        "the light is estimated from the colours of the splats",
+    ),
     "unlit-tree": Code(
         "warning",
         "shadows are requested of a splat tree",

@@ -86,8 +86,14 @@ CODES: dict[str, Code] = {
     ),
     "bad-light": Code(
         "error",
-        "the numbers or the transform of a light are not usable",
+        "the numbers, the transform or the picture of a light are not usable",
         "correct the attribute that the sentence names",
+    ),
+    "bad-texels": Code(
+        "warning",
+        "pixels of the picture of a dome light are negative or not finite",
+        "write the picture again without them",
+        "they count as black",
     ),
     "crop-member": Code(
         "error",
@@ -102,8 +108,8 @@ CODES: dict[str, Code] = {
     ),
     "unsupported-light": Code(
         "warning",
-        "a light is of a type that is not supported, such as DomeLight",
-        "use distant, sphere, disk, rect or cylinder lights, or hide the light",
+        "a light is of a type that is not supported, such as PortalLight",
+        "use distant, sphere, disk, rect, cylinder or dome lights, or hide the light",
         "it does not light the surfaces",
     ),
     "unsupported-input": Code(

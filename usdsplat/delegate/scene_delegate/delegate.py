@@ -25,7 +25,7 @@ from usdsplat.delegate.scene_delegate.crops import read_crop
 from usdsplat.delegate.scene_delegate.dependencies import Dependencies
 from usdsplat.delegate.scene_delegate.geometry import Context
 from usdsplat.delegate.scene_delegate.instancers import read_instancer
-from usdsplat.delegate.scene_delegate.lights import read_light
+from usdsplat.delegate.scene_delegate.light_reader import LightReader, unused_inputs
 from usdsplat.delegate.scene_delegate.live_fields import LiveFields
 from usdsplat.delegate.scene_delegate.lod_items import LodItems
 from usdsplat.delegate.scene_delegate.meshes import MeshReader
@@ -39,7 +39,7 @@ from usdsplat.delegate.scene_delegate.skeletons import Skeletons
 from usdsplat.delegate.scene_delegate.stage_info import first_frame, read_stage_info
 from usdsplat.delegate.scene_delegate.textures import Textures
 from usdsplat.delegate.scene_delegate.trees import Chunks
-from usdsplat.delegate.scene_delegate.unsupported import findings_on_light, findings_on_prims
+from usdsplat.delegate.scene_delegate.unsupported import findings_on_prims
 from usdsplat.delegate.scene_delegate.variability import varying_bits
 from usdsplat.delegate.stage_info import StageInfo
 from usdsplat.render.lights.specs import LightSpec
@@ -83,6 +83,7 @@ class UsdSceneDelegate:
         self._dependencies = Dependencies(self._population)
         self._refinement = _checked_refinement(refinement)
         self._textures = Textures()
+        self._lights = LightReader()
         self._skeletons = Skeletons()
         self._readings = Readings(stage)
         self._chunks = Chunks()
@@ -113,7 +114,7 @@ class UsdSceneDelegate:
             if self._is_of_interest(path, kind):
                 found.append(from_error(UNREADABLE[kind], why))
         for (path, kind), each in self._remarks.items():
-            if kind == "lens" or self._rprim(path).is_wanted:
+            if kind in ("lens", "light") or self._rprim(path).is_wanted:
                 found += each
         for path, reader in self._meshes.items():
             if self._is_of_interest(path, "mesh") and (path, "mesh") not in self.problems:
@@ -122,9 +123,7 @@ class UsdSceneDelegate:
             prim = self._population.fields[path].prim
             found += self._chunks.findings(path, prim, problems)
         found += findings_on_prims(self._population.others, self._code, self._purposes)
-        for prim in self._population.lights.values():
-            if UsdGeom.Imageable(prim).ComputeVisibility(self._code) != UsdGeom.Tokens.invisible:
-                found += findings_on_light(prim)
+        found += unused_inputs(self._population.lights.values(), self._code)
         once = {each.key: each for each in found}
         return tuple(sorted(once.values(), key=lambda each: (each.path, each.message)))
 
@@ -165,6 +164,7 @@ class UsdSceneDelegate:
         self._xforms.Clear()
         self._skeletons.clear()
         self._textures.clear()
+        self._lights.clear()
         self._meshes.clear()
 
     # --- changes -----------------------------------------------------------------------------
@@ -190,6 +190,10 @@ class UsdSceneDelegate:
         if self._is_stale:
             self._populate()
             self._is_stale = False
+        if changed or stale:
+            fields = (each.prim for each in self._population.fields.values())
+            for path in self._lights.rename(fields) & self._population.lights.keys():
+                self._index.tracker.mark(path, DirtyBits.PARAMS)
         edited = changed or self.time != self._applied_time
         for path in self._chunks.changed_trees(self._population.fields, self._code, edited=edited):
             self._index.tracker.mark(path, DirtyBits.PRIMVAR)
@@ -343,13 +347,10 @@ class UsdSceneDelegate:
 
     def light(self, path: str) -> LightSpec | None:
         """Implement `SceneDelegate.light`."""
-        prim = self._population.lights[path]
-        if UsdGeom.Imageable(prim).ComputeVisibility(self._code) == UsdGeom.Tokens.invisible:
-            self.pulls["light"] += 1
-            self.problems.pop((path, "light"), None)
-            return None
-        read = partial(read_light, prim, self._code, self._xforms)
-        return self._pull("light", path, read, None)
+        read = partial(self._lights.read, self._population.lights[path], self._code, self._xforms)
+        spec = self._pull("light", path, read, None)
+        self._remark("light", path, *self._lights.remarks)
+        return spec
 
     # --- private ---------------------------------------------------------------------------
 

@@ -23,6 +23,7 @@ FIELD_PROPERTIES = (
     | {
         schema.tokens.RASTERIZE_MODE,
         schema.tokens.LIGHTING,
+        schema.tokens.CAPTURED_LIGHTS,
         schema.tokens.FOOTPRINT,
         schema.tokens.PROJECTION_MODE,
         schema.tokens.SORTING_MODE,

@@ -72,6 +72,7 @@ def read_cloud(
         packed=packed,
         surface=_surface(prim, len(cloud), time, moves=moves),
         lighting=cast(LightingMode, schema.lighting_mode(prim)),
+        captured_lights=schema.captured_lights(prim),
         is_catcher=schema.is_shadow_catcher(prim),
     )
 

@@ -1,4 +1,4 @@
-"""Read UsdLux lights: distant, sphere, disk, rect and cylinder lights."""
+"""Read UsdLux lights: distant, sphere, disk, rect, cylinder and dome lights."""
 
 from __future__ import annotations
 
@@ -11,10 +11,12 @@ from pxr import Usd, UsdGeom, UsdLux
 from usdsplat.core.cloud import F64
 from usdsplat.core.errors import StageError
 from usdsplat.delegate.scene_delegate import collections
+from usdsplat.delegate.scene_delegate.domes import dome_to_world
 from usdsplat.delegate.scene_delegate.placing import column_matrix
 from usdsplat.render.lights.sampling import area
 from usdsplat.render.lights.specs import (
     EVERYTHING,
+    DomeSky,
     LightKind,
     LightSpec,
     Rules,
@@ -33,12 +35,23 @@ KINDS: tuple[tuple[Any, LightKind, tuple[str, ...]], ...] = (
 """Type of a light with an area, our kind, and the attributes with its size."""
 
 
-def read_light(prim: Usd.Prim, time: Usd.TimeCode, cache: UsdGeom.XformCache) -> LightSpec:
+BRIGHTEST = 1e30
+"""Highest radiance of a dome, so that sums over its directions are finite."""
+
+
+def read_light(
+    prim: Usd.Prim, time: Usd.TimeCode, cache: UsdGeom.XformCache, sky: DomeSky | None = None
+) -> LightSpec:
     """Read a light at a time.
+
+    Args:
+        sky: Picture of a dome light; None for other lights.
 
     Raises:
         StageError: If its numbers or its transform are invalid.
     """
+    if sky is not None:
+        return _read_dome(prim, time, cache, sky)
     for schema, kind, names in KINDS:
         if prim.IsA(schema):
             return _read_area(prim, time, cache, kind, names)
@@ -103,6 +116,29 @@ def _read_area(
         is_point=bool(as_point and as_point.Get(time)),
         axis=_axis(prim, matrix),
         shaping=_shaping(prim, time),
+        shadow=_shadow(prim, time),
+        linked=_rules(prim, "lightLink"),
+        casters=_rules(prim, "shadowLink"),
+    )
+
+
+def _read_dome(
+    prim: Usd.Prim, time: Usd.TimeCode, cache: UsdGeom.XformCache, sky: DomeSky
+) -> LightSpec:
+    """Read a dome light. `normalize` has no effect on it, as UsdLux says."""
+    strength, color = _emission(prim, time)
+    with np.errstate(all="ignore"):
+        radiance = strength * color
+    _check(prim, radiance)
+    if np.abs(radiance).max() > BRIGHTEST:
+        raise StageError(
+            str(prim.GetPath()), f"a radiance of {radiance.max():.3g}", f"at most {BRIGHTEST:g}"
+        )
+    return LightSpec(
+        kind="dome",
+        to_world=tuple(dome_to_world(prim, cache).ravel().tolist()),
+        radiance=_vector(radiance),
+        sky=sky,
         shadow=_shadow(prim, time),
         linked=_rules(prim, "lightLink"),
         casters=_rules(prim, "shadowLink"),

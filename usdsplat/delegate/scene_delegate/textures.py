@@ -43,7 +43,7 @@ class Textures:
         pixels = self._found.get(key)
         if pixels is None:
             try:
-                pixels = self._found[key] = _read(asset, encoding)
+                pixels = self._found[key] = read_asset(asset, encoding)
             except UsdSplatError as error:
                 self._errors[key] = error
                 raise
@@ -66,7 +66,12 @@ class Textures:
         return pixels
 
 
-def _read(asset: Sdf.AssetPath, encoding: Encoding) -> F32:
+def read_asset(asset: Sdf.AssetPath, encoding: Encoding) -> F32:
+    """Return the pixels of a picture, which may be in a package, in the form of `images.texture`.
+
+    Raises:
+        FormatError: If it is not there, or no picture.
+    """
     path = asset.resolvedPath
     if not path:
         raise FormatError(asset.path or "a texture", "no file", "an existing picture")

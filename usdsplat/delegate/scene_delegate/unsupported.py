@@ -15,9 +15,10 @@ from pxr import Usd, UsdGeom, UsdLux, UsdShade
 
 from usdsplat.core.findings import Finding, finding
 
+DOMES = (UsdLux.DomeLight, UsdLux.DomeLight_1)
 LIGHTS = (
     UsdLux.DistantLight, UsdLux.SphereLight, UsdLux.DiskLight, UsdLux.RectLight,
-    UsdLux.CylinderLight,
+    UsdLux.CylinderLight, *DOMES,
 )  # fmt: skip
 """Types of lights that are drawn."""
 OTHER_LIGHTS = (UsdLux.BoundableLightBase, UsdLux.NonboundableLightBase, UsdLux.PluginLight)
@@ -29,7 +30,8 @@ OWN_TYPES = ("SplatSim", "LODScreenSizeHeuristic", "LODDistanceHeuristic")
 TYPES = (
     "ParticleField3DGaussianSplat", "ParticleFieldPackedSplat", "Mesh", "Sphere", "Cube",
     "Cylinder", "Cone", "Capsule", "Plane", "Xform", "Scope", "Camera", "DistantLight",
-    "SphereLight", "DiskLight", "RectLight", "CylinderLight", "PointInstancer", "Material",
+    "SphereLight", "DiskLight", "RectLight", "CylinderLight", "DomeLight",
+    "DomeLight_1", "PointInstancer", "Material",
     "Shader", "RenderSettings", "RenderProduct", "RenderVar", "SplatSim",
 )  # fmt: skip
 """Types that a misspelt one may mean."""
@@ -65,6 +67,11 @@ INPUTS = {
 
 Source: the UsdPreviewSurface specification.
 """
+
+
+def is_dome(prim: Usd.Prim) -> bool:
+    """Return whether a prim is a dome light."""
+    return any(prim.IsA(each) for each in DOMES)
 
 
 def why_not_drawn(prim: Usd.Prim) -> str:
@@ -111,6 +118,8 @@ def findings_on_light(prim: Usd.Prim) -> Iterator[Finding]:
         yield finding("unsupported-input", str(where), found, "no targets")
     for name in ("inputs:texture:file", "inputs:shaping:ies:file"):
         attribute = prim.GetAttribute(name)
+        if name == "inputs:texture:file" and is_dome(prim):
+            continue
         value = attribute.Get() if attribute else None
         if value is not None and str(value.path):
             yield finding("unsupported-input", str(attribute.GetPath()), value.path, "no file")
@@ -180,7 +189,7 @@ def _is_seen(prim: Usd.Prim, time: Usd.TimeCode, purposes: frozenset[str]) -> bo
 
 def _expected(code: str, name: str) -> str:
     if code == "unsupported-light":
-        return "a DistantLight, SphereLight, DiskLight, RectLight or CylinderLight"
+        return "a DistantLight, SphereLight, DiskLight, RectLight, CylinderLight or DomeLight"
     if code == "unsupported-prim":
         return "splats, a mesh or a shape"
     near = difflib.get_close_matches(name, TYPES, n=1)

@@ -29,7 +29,14 @@ from usdsplat.preview.values import Look, Picture
 DEVICES = ("auto", "cpu", "cuda")
 FIRST = {
     "Splats": ("display_mode", "splat_budget", "sh_degree", "sorting", "rasterize_mode"),
-    "Light": ("lighting", "ambient", "self_shadows", "shadow_resolution", "light_samples"),
+    "Light": (
+        "lighting",
+        "ambient",
+        "self_shadows",
+        "shadow_resolution",
+        "light_samples",
+        "dome_samples",
+    ),
     "Levels of detail": ("lod_error", "lod_samples", "node_memory", "node_lifetime"),
     "Colour": (
         *("color_mode", "blend_space", "working_space"),

@@ -2,13 +2,14 @@
 
 Light of splats does not depend on the view. Their sums are kept for each light and field, with
 everything that they depend on, and computed again only if that has changed. Depth maps are kept,
-too, as long as they fit in `KEPT_BYTES`: pixels of surfaces look at them in every band and picture.
+too, as long as they fit in `light_maps.KEPT_BYTES`: pixels of surfaces look at them in every band
+and picture.
 """
 
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -20,11 +21,11 @@ from usdsplat.kernels import lighting, receivers, total
 from usdsplat.kernels.points.curve_order import curve_order
 from usdsplat.render.draw_list import DrawList, Group
 from usdsplat.render.frame_buffers import FrameBuffers
-from usdsplat.render.lights.cameras import LightCamera, bounds_of, cameras_of
-from usdsplat.render.lights.depth_map import DepthMap, draw_depth_map
-from usdsplat.render.lights.needs import is_needed, receives
-from usdsplat.render.lights.sampling import samples_of
-from usdsplat.render.lights.specs import LightSpec, Rules
+from usdsplat.render.lights.captured import estimate
+from usdsplat.render.lights.gains import relit_gains, shadow_gains, summed
+from usdsplat.render.lights.light_maps import LightMaps, Maps, Receivers, by_pixel
+from usdsplat.render.lights.needs import is_needed, mode_of
+from usdsplat.render.lights.specs import LightSpec
 from usdsplat.render.matte import is_matte
 from usdsplat.render.projector import Gains
 from usdsplat.render.rasterizer import Rasterizer
@@ -35,8 +36,6 @@ from usdsplat.render.specs import View
 from usdsplat.render.surface_cache import SurfaceCache
 from usdsplat.render.surfaces import SurfaceBand
 
-KEPT_BYTES = 512 << 20
-"""Maximum size of the depth maps that are kept [byte]."""
 ALL_APPEARANCES = -1
 NO_ROWS: I32 = np.empty(0, np.int32)
 NO_RATIOS: F32 = np.empty((0, 3), np.float32)
@@ -46,14 +45,14 @@ NO_RATIOS: F32 = np.empty((0, 3), np.float32)
 class LightStore:
     """What lighting keeps between pictures."""
 
-    maps: OrderedDict[tuple[bytes, Rules], tuple[Any, DepthMap]] = field(
-        default_factory=OrderedDict
-    )
-    """Light and its casters -> what the map depends on besides, and the map; last used last."""
+    maps: Maps = field(default_factory=OrderedDict)
     sums: dict[tuple[int, str], tuple[Any, Any]] = field(default_factory=dict)
     """First slot of a group and path of a light -> what the sums depend on, and the sums."""
-    gains: dict[int, tuple[Any, object, Any]] = field(default_factory=dict)
-    """First slot of a group -> what its gains depend on, their token, and the gains."""
+    estimates: dict[int, tuple[Any, Any]] = field(default_factory=dict)
+    """First slot of a group -> what the estimated light of its photographs depends on, and its
+    sums."""
+    gains: dict[tuple[int, str], tuple[Any, object, Any]] = field(default_factory=dict)
+    """First slot of a group and mode -> what its gains depend on, their token, and the gains."""
     rows: dict[int, tuple[F32, I32]] = field(default_factory=dict)
     """First slot of a group -> the centres of its field, and their order along a curve."""
     meshes: SurfaceCache = field(default_factory=SurfaceCache)
@@ -104,9 +103,17 @@ class Lighting:
             tuple((path, f.shapes, f.crops, each) for path, f, each in scene.drawn()),
             tuple((path, mesh.spec, each) for path, mesh, each in scene.drawn_meshes()),
             view.catchers,
-            (settings.splat_budget, settings.shadow_resolution, settings.light_samples),
-        )
-        self._is_shadowed = settings.lighting == "shadowed"
+            (
+                settings.splat_budget, settings.shadow_resolution, settings.light_samples,
+                settings.dome_samples,
+            ),
+        )  # fmt: skip
+        self._maps = LightMaps(
+            rasterizer=rasterizer, settings=settings, scene=scene, casters=self._casters,
+            catches=self.catches, version=self._version, kept=self._store.maps,
+            meshes=self._store.meshes,
+        )  # fmt: skip
+        self._is_shadowed = settings.lighting != "captured"
         self.gains, self.ratios = self._of_splats()
 
     @property
@@ -153,15 +160,16 @@ class Lighting:
             receivers.place_pixels, screen.view_record(), to_world, band.depth, band.normal,
             band.covered, band.ids, x0, y0, points, normals, prims,
         )  # fmt: skip
-        run(total.clear, _by_pixel(sums))
+        run(total.clear, by_pixel(sums))
         names = self._scene.prims()
         for _, light in sorted(self._scene.named_lights.items()):
             linked = np.array([is_matte(name, light.linked) for name in names], np.uint8)
-            for each in self._maps(light, casts=casts):
-                self._illuminate(
-                    each, light, ALL_APPEARANCES, linked,
-                    (points, normals, lighting.NO_SHAPES, prims), sums,
-                )  # fmt: skip
+            to = Receivers(
+                places=(points, normals, lighting.NO_SHAPES, prims), linked=linked,
+                own=ALL_APPEARANCES, sums=sums,
+                seen=made.seen(height, width) if casts and light.kind == "dome" else None,
+            )  # fmt: skip
+            self._maps.shine(light, [to], casts=casts)
         ratio = made.ratios(height, width) if casts else NO_RATIOS
         if casts:
             none = np.zeros(3, np.float32)
@@ -177,22 +185,29 @@ class Lighting:
     # --- splats ----------------------------------------------------------------------------
 
     def _of_splats(self) -> tuple[Gains, Gains]:
-        """Return the gains of shadowed groups, and those of all groups if they are needed."""
-        lights = self._scene.named_lights
+        """Return the gains of lit groups, and the ratios of all groups if they are needed."""
+        lights, store = self._scene.named_lights, self._store
         drawn = [group for group in self._layout.groups if not group.field.is_node]
-        shadowed = {group.slot for group in drawn if receives(group.field.spec, self._settings)}
-        groups = [g for g in drawn if g.slot in shadowed or self._wants_ratios] if lights else []
+        modes = {group.slot: mode_of(group.field.spec, self._settings) for group in drawn}
+        groups = [g for g in drawn if modes[g.slot] != "captured" or self._wants_ratios]
         numbers = _appearances(self._casters, self._layout)
-        targets = [self._target(group, numbers[group.slot]) for group in groups]
+        targets = [self._target(g, numbers[g.slot]) for g in groups] if lights else []
+        self._live: set[tuple[int, str]] = set()
         for path, light in sorted(lights.items()):
-            self._receive(path, light, targets)
-        live = {(target.group.slot, path) for target in targets for path in lights}
-        self._store.sums = {key: each for key, each in self._store.sums.items() if key in live}
+            self._receive(path, light, targets, casts=True)
         slots = {target.group.slot for target in targets}
-        self._store.rows = {k: each for k, each in self._store.rows.items() if k in slots}
-        self._store.gains = {k: each for k, each in self._store.gains.items() if k in slots}
-        found = {target.group.slot: self._gain(target) for target in targets}
-        return {slot: each for slot, each in found.items() if slot in shadowed}, found
+        lit, ratios = {}, {}
+        for target in targets:
+            slot = target.group.slot
+            if self._wants_ratios or modes[slot] == "shadowed":
+                ratios[slot] = self._gain(target, "shadowed")
+            if modes[slot] != "captured":
+                lit[slot] = self._gain(target, "relit") if modes[slot] == "relit" else ratios[slot]
+        store.sums = {key: each for key, each in store.sums.items() if key in self._live}
+        store.rows = {k: each for k, each in store.rows.items() if k in slots}
+        store.estimates = {k: each for k, each in store.estimates.items() if k in slots}
+        store.gains = {k: each for k, each in store.gains.items() if k[0] in slots}
+        return lit, ratios
 
     def _target(self, group: Group, appearances: list[int]) -> _Target:
         """Return the splats of a group as receivers."""
@@ -201,9 +216,12 @@ class Lighting:
         version = group.field.shapes, surface, transforms, self._settings.self_shadows
         return _Target(group, appearances, version)
 
-    def _receive(self, path: str, light: LightSpec, targets: Sequence[_Target]) -> None:
+    def _receive(
+        self, path: str, light: LightSpec, targets: Sequence[_Target], *, casts: bool
+    ) -> None:
         """Compute the sums of one light for those targets for which they are not kept."""
         stale = []
+        self._live.update((target.group.slot, path) for target in targets)
         for target in targets:
             version = light, self._version, target.version
             held = self._store.sums.get((target.group.slot, path))
@@ -217,19 +235,18 @@ class Lighting:
             for _, rows in placed
         ]
         for sums in room:
-            self._device.run(total.clear, _by_pixel(sums))
-        for each in self._maps(light, casts=True):
-            for (target, rows), sums in zip(placed, room, strict=True):
-                count = len(target.group.field.spec.cloud)
-                for k, (appearance, receiver) in enumerate(
-                    zip(target.appearances, rows, strict=True)
-                ):
-                    name = self._casters.prims[self._casters.labels[appearance, 0]]
-                    if not is_matte(name, light.linked):
-                        continue
-                    own = ALL_APPEARANCES if self._settings.self_shadows else appearance
-                    part = sums[k * count : (k + 1) * count]
-                    self._illuminate(each, light, own, lighting.ONE_PRIM, receiver, part)
+            self._device.run(total.clear, by_pixel(sums))
+        found = []
+        for (target, rows), sums in zip(placed, room, strict=True):
+            count = len(target.group.field.spec.cloud)
+            for k, (appearance, places) in enumerate(zip(target.appearances, rows, strict=True)):
+                name = self._casters.prims[self._casters.labels[appearance, 0]]
+                if not is_matte(name, light.linked):
+                    continue
+                own = ALL_APPEARANCES if self._settings.self_shadows else appearance
+                part = sums[k * count : (k + 1) * count]
+                found.append(Receivers(places=places, linked=lighting.ONE_PRIM, own=own, sums=part))
+        self._maps.shine(light, found, casts=casts)
         for (target, version), sums in zip(stale, room, strict=True):
             self._store.sums[target.group.slot, path] = version, sums
 
@@ -264,98 +281,56 @@ class Lighting:
             self._store.rows[group.slot] = held
         return held[1]
 
-    def _gain(self, target: _Target) -> tuple[object, Any]:
-        """Return the gains of a group and their token."""
-        slot, lights = target.group.slot, sorted(self._scene.named_lights)
-        kept = [self._store.sums[slot, path] for path in lights]
-        version = (self._settings.ambient, *(each[0] for each in kept))
-        held = self._store.gains.get(slot)
+    def _gain(self, target: _Target, mode: str) -> tuple[object, Any]:
+        """Return the gains of a group in a mode, "shadowed" or "relit", and their token."""
+        slot, ambient = target.group.slot, self._settings.ambient
+        parts = [self._store.sums[slot, path] for path in sorted(self._scene.named_lights)]
+        before = self._captured(target) if mode == "relit" else []
+        version = ambient, *(each[0] for each in parts), *(each[0] for each in before)
+        held = self._store.gains.get((slot, mode))
         if held is not None and held[0] == version:
             return held[1], held[2]
-        run, resident = self._device.run, self._device.resident
-        sums = kept[0][1]
-        if len(kept) > 1:
-            sums = resident(sums.shape, np.float32)
-            run(total.clear, _by_pixel(sums))
-            for _, each in kept:
-                run(
-                    total.add,
-                    _by_pixel(sums),
-                    _by_pixel(each),
-                )
-        count = max(1, sums.shape[0])
-        mean = [run(receivers.total, sums, 3 + channel) / count for channel in range(3)]
-        gains = resident((sums.shape[0], 3), np.float32)
-        ambient = np.array(mean, np.float32) * np.float32(self._settings.ambient)
-        run(receivers.ratios, sums, ambient, np.float32(0), self._rows(target.group), gains)
+        rows = self._rows(target.group)
+        sums = summed(self._device, [each[1] for each in parts])
+        if before:
+            captured = summed(self._device, [each[1] for each in before])
+            gains = relit_gains(self._device, sums, captured, ambient, rows)
+        else:
+            gains = shadow_gains(self._device, sums, ambient, rows)
         token = object()
-        self._store.gains[slot] = version, token, gains
+        self._store.gains[slot, mode] = version, token, gains
         return token, gains
 
-    # --- light -----------------------------------------------------------------------------
+    # --- light of photographs ----------------------------------------------------------------
 
-    def _maps(self, light: LightSpec, *, casts: bool) -> Iterator[DepthMap]:
-        """Yield the depth map of each camera of a light."""
-        bounds = bounds_of(self._scene)
-        for record in samples_of(light, self._settings.light_samples):
-            one = record[None].copy()
-            one["casts"] &= casts
-            for camera in cameras_of(one, bounds, self._settings.shadow_resolution):
-                yield self._map(camera, light)
+    def _captured(self, target: _Target) -> list[tuple[Any, Any]]:
+        """Return what the light in which a group was photographed depends on, and its sums: those
+        of the lights that are named, else an estimate."""
+        slot, found = target.group.slot, []
+        prims, labels = self._casters.prims, self._casters.labels
+        own = tuple((prims[labels[each, 0]], True) for each in target.appearances)
+        for path in target.group.field.spec.captured_lights:
+            light = self._scene.light(path)
+            if light is not None:
+                # only the capture itself stood in this light
+                alone = replace(light, casters=own)
+                key = f"captured {path}"
+                self._receive(key, alone, [target], casts=self._settings.self_shadows)
+                found.append(self._store.sums[slot, key])
+        return found or [self._estimated(target)]
 
-    def _map(self, camera: LightCamera, light: LightSpec) -> DepthMap:
-        """Return the depth map of a camera, drawn if it is not kept."""
-        maps, key, version = (
-            self._store.maps,
-            (camera.light.tobytes(), light.casters),
-            self._version,
-        )
-        held = maps.get(key)
-        if held is not None and held[0] == version:
-            maps.move_to_end(key)
-            return held[1]
-
-        def casts(path: str) -> bool:
-            return self._casts(path, light)
-
-        for other in [name for name, (before, _) in maps.items() if before != version]:
-            del maps[other]
-        made = draw_depth_map(
-            self._rasterizer, camera, self._scene, self._casters, casts, self._store.meshes
-        )
-        maps[key] = version, made
-        while sum(each.nbytes for _, each in maps.values()) > KEPT_BYTES and len(maps) > 1:
-            maps.popitem(last=False)
-        return made
-
-    def _casts(self, path: str, light: LightSpec) -> bool:
-        """Return whether the prim at a path casts shadows of a light. Shadow catchers stand for
-        what a plate shows already, so they do not."""
-        return is_matte(path, light.casters) and not self.catches(path)
-
-    def _illuminate(
-        self,
-        each: DepthMap,
-        light: LightSpec,
-        own: int,
-        linked: Any,
-        receiver: tuple[Any, ...],
-        sums: Any,
-    ) -> None:
-        """Add the light of one camera to receivers."""
-        points, normals, shapes, prims = receiver
-        names = self._casters.prims
-        numbers = self._casters.labels[:, 0].tolist()
-        casts = np.array([self._casts(names[number], light) for number in numbers], np.uint8)
-        self._device.run(
-            lighting.illuminate, each.light, points, normals, shapes, prims, linked, own,
-            each.world_to_screen, each.views, (*each.splats, casts), each.tiles, each.depths, sums,
-        )  # fmt: skip
-
-
-def _by_pixel(sums: Any) -> Any:
-    """Return sums of n receivers in the shape of a picture with a column, (n, 1, SUMS)."""
-    return sums.reshape((sums.shape[0], 1, lighting.SUMS))
+    def _estimated(self, target: _Target) -> tuple[Any, Any]:
+        """Return the estimated light of photographs in the form of sums."""
+        group, version = target.group, (target.group.field.radiance, target.version)
+        held = self._store.estimates.get(group.slot)
+        if held is None or held[0] != version:
+            spec, surface = group.field.spec, group.field.surface_values(None)
+            light = estimate(spec.cloud, spec.color_space, surface).light
+            rows = self._device.fetch(self._rows(group))
+            sums = np.tile(light[rows], (len(group.placements.transforms), 2))
+            held = version, self._device.keep(np.ascontiguousarray(sums))
+            self._store.estimates[group.slot] = held
+        return held
 
 
 def _appearances(casters: DrawList, layout: DrawList) -> dict[int, list[int]]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Set as AbstractSet
 
 from usdsplat.kernels import lighting
-from usdsplat.render.lights.lighting import KEPT_BYTES
+from usdsplat.render.lights.light_maps import KEPT_BYTES
 from usdsplat.render.lights.needs import is_needed, receives, with_catchers
 from usdsplat.render.scene import RenderScene
 from usdsplat.render.settings import RenderSettings
@@ -28,7 +28,7 @@ def lighting_uses(
     """Return the buffers of a frame that lighting uses, see `memory.buffers_of`."""
     is_lit = is_needed(scene, settings, aovs)
     ratios = is_lit and "shadow" in aovs
-    casts = ratios or settings.lighting == "shadowed"
+    casts = ratios or settings.lighting != "captured"
     meshes = is_lit and bool(scene.drawn_meshes())
     shades = not all(light.is_plain for light in scene.named_lights.values())
     caught = bool(with_catchers(scene, view).catchers)
@@ -38,6 +38,7 @@ def lighting_uses(
         (ratios, "shadows", "image"),
         (meshes and (casts or shades), "lit", "points normals prims sums"),
         (meshes and casts, "lit", "ratios"),
+        (meshes and casts and bool(_domes(scene)), "lit", "seen"),
         (settings.samples > 1 and "shadow" in aovs, "sums", "shadow"),
     ]
 
@@ -57,6 +58,13 @@ def lighting_bytes(
     casters = scene.draw_list(settings.splat_budget).slots
     pixels = settings.shadow_resolution**2 if scene.drawn_meshes() else 0
     one = CASTER * casters + DEPTH * pixels
-    maps = count * max(1, settings.light_samples) * one
-    sums = 4 * lighting.SUMS * (count + 1)
+    domes = _domes(scene)
+    samples = settings.dome_samples if domes else settings.light_samples
+    maps = count * max(1, samples) * one
+    sums = 4 * lighting.SUMS * (count + 1 + bool(domes))
     return receivers * (RECEIVER + sums), min(maps, KEPT_BYTES) + one
+
+
+def _domes(scene: RenderScene) -> list[str]:
+    """Return the paths of the dome lights."""
+    return [path for path, light in scene.named_lights.items() if light.kind == "dome"]

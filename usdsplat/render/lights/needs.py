@@ -11,9 +11,13 @@ from usdsplat.render.specs import FieldSpec, View
 
 
 def receives(spec: FieldSpec, settings: RenderSettings) -> bool:
-    """Return whether shadows darken the splats of a field in the picture."""
-    mode = settings.lighting if spec.lighting == "auto" else spec.lighting
-    return mode == "shadowed"
+    """Return whether light changes the splats of a field in the picture."""
+    return mode_of(spec, settings) != "captured"
+
+
+def mode_of(spec: FieldSpec, settings: RenderSettings) -> str:
+    """Return the light of the splats of a field in a picture."""
+    return settings.lighting if spec.lighting == "auto" else spec.lighting
 
 
 def is_needed(scene: RenderScene, settings: RenderSettings, aovs: Iterable[str]) -> bool:
@@ -22,7 +26,7 @@ def is_needed(scene: RenderScene, settings: RenderSettings, aovs: Iterable[str])
     lights = scene.named_lights.values()
     if not lights:
         return False
-    if settings.lighting == "shadowed" or "shadow" in aovs:
+    if settings.lighting != "captured" or "shadow" in aovs:
         return True
     shadowed = any(receives(field.spec, settings) for field in scene.visible_fields())
     return shadowed or not all(light.is_plain for light in lights)

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from usdsplat.core.cloud import F64
 from usdsplat.kernels import lighting
+from usdsplat.render.lights.dome import cell_radiance
 from usdsplat.render.lights.specs import LightKind, LightSpec
 
 GOLDEN = math.pi * (3.0 - math.sqrt(5.0))
@@ -20,10 +21,13 @@ def samples_of(light: LightSpec, count: int) -> npt.NDArray[np.void]:
     """Return about `count` samples of a light, as LIGHT records.
 
     Their sum over any receiver approaches the light's own irradiance. A light without an extent has
-    one sample. Rects and cylinders have a number that is a product.
+    one sample. Rects and cylinders have a number that is a product. Samples of a dome are those of
+    its sky without peaks; directions are the same for all domes, and dark ones are left out.
     """
     if light.kind == "distant":
         return _distant(light, count)
+    if light.kind == "dome":
+        return _sky(light, count)
     matrix = np.array(light.to_world, np.float64).reshape(4, 4)
     linear, place = matrix[:3, :3], matrix[:3, 3]
     size = area(light.kind, light.size, linear)
@@ -107,6 +111,17 @@ def _distant(light: LightSpec, count: int) -> npt.NDArray[np.void]:
     found["kind"] = lighting.DISTANT
     _write(found, ("red", "green", "blue"), np.array(light.irradiance) / cosines.sum())
     return found
+
+
+def _sky(light: LightSpec, count: int) -> npt.NDArray[np.void]:
+    """Return the directions from which light of a dome comes, each with that of its cell."""
+    directions = sphere_points(count)
+    cells = cell_radiance(light, directions)
+    found = _records(light, count)
+    found["kind"] = lighting.DISTANT
+    _write(found, "xyz", directions)
+    _write(found, ("red", "green", "blue"), cells)
+    return found[(cells > 0).any(axis=1)]
 
 
 def _point(light: LightSpec, linear: F64, place: F64, size: float) -> npt.NDArray[np.void]:

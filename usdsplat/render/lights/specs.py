@@ -9,7 +9,7 @@ from typing import Literal
 Vector = tuple[float, float, float]
 Rules = tuple[tuple[str, bool], ...]
 """Pairs (path, is included), see `matte.is_matte`."""
-LightKind = Literal["distant", "sphere", "disk", "rect", "cylinder"]
+LightKind = Literal["distant", "sphere", "disk", "rect", "cylinder", "dome"]
 
 EVERYTHING: Rules = (("/", True),)
 
@@ -43,6 +43,28 @@ class Shadow:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Peak:
+    """Bright spot of a sky, such as the sun."""
+
+    direction: Vector
+    """Unit vector to its middle, in the space of the dome."""
+    irradiance: Vector
+    """As `LightSpec.irradiance`, of a dome with radiance 1."""
+    angle: float
+    """Angle that it subtends [rad]."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DomeSky:
+    """Picture of a dome, see `dome.split`."""
+
+    grid: bytes
+    """Radiance without the peaks, linear Rec.709, latlong, shape (64, 128, 3) f32. Bytes are
+    compared quickly."""
+    peaks: tuple[Peak, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class LightSpec:
     """A light at one time."""
 
@@ -60,14 +82,18 @@ class LightSpec:
     """In local space: radius of a sphere or disk; width and height of a rect; radius and length of
     a cylinder, which lies along x. Disks and rects radiate along −z."""
     radiance: Vector = (0.0, 0.0, 0.0)
-    """Radiance of such a light, linear Rec.709; of one without an area its intensity times 4, which
-    is the limit of a normalized small sphere."""
+    """Radiance of such a light or dome, linear Rec.709; of one without an area its intensity times
+    4, which is the limit of a normalized small sphere."""
+    sky: DomeSky | None = None
+    """Picture of a dome, by which its radiance is multiplied; None for other lights."""
     is_point: bool = False
     """Whether the light is taken for a point at its centre."""
     axis: Vector = (0.0, 0.0, -1.0)
     """Unit vector of the shaping, in the world."""
     shaping: Shaping = Shaping()
     shadow: Shadow = Shadow()
+    is_on: bool = True
+    """Whether the light is visible; a hidden one may be that of photographs."""
     linked: Rules = EVERYTHING
     """Prims that the light illuminates."""
     casters: Rules = EVERYTHING

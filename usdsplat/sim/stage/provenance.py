@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import importlib.metadata
 import math
@@ -136,7 +137,8 @@ class Provenance:
 
 def parameter_hash(stage: Usd.Stage, times: Sequence[float]) -> str:
     """Return SHA-256 over all opinions of a simulation at all frames, and over the prims and
-    variants on the stage, which a session may change.
+    variants on the stage, which a session may change. Files of masks count by their authored paths
+    and contents, so that a moved bake can be resumed.
 
     Args:
         stage: Properties under `splatSim:` are read from every prim.
@@ -264,12 +266,32 @@ def _opinions(item: Usd.Property, times: Sequence[float]) -> Iterator[bytes]:
         codes += [Usd.TimeCode(time) for time in times]
     for code in codes:
         value = item.Get(code)
+        if isinstance(value, Sdf.AssetPath | Sdf.AssetPathArray):
+            files = [value] if isinstance(value, Sdf.AssetPath) else value
+            yield repr([(each.path, _content(each.resolvedPath)) for each in files]).encode()
+            continue
         is_array = hasattr(value, "__len__") and not isinstance(value, str)
         numbers = np.asarray(value) if is_array else None
         if numbers is not None and numbers.dtype.kind in "biuf":
             yield np.ascontiguousarray(numbers).tobytes()
         else:
             yield repr(value).encode()
+
+
+def _content(path: str) -> str:
+    """Return the SHA-256 of a file that an asset path leads to; "" if there is none."""
+    file = Path(file_of(path))
+    if not path or not file.is_file():
+        return ""
+    status = file.stat()
+    return _digest(file, status.st_size, status.st_mtime_ns)
+
+
+@functools.lru_cache(maxsize=256)
+def _digest(file: Path, _size: int, _time: int) -> str:
+    """Return the SHA-256 of a file. Its size and time are only part of the cache's key."""
+    with file.open("rb") as opened:
+        return hashlib.file_digest(opened, "sha256").hexdigest()
 
 
 def _plain(value: Any) -> Any:

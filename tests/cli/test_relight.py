@@ -1,0 +1,210 @@
+"""Tests of `usdsplat relight`, from the command line to pictures of its layer."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from pxr import Gf, Sdf, Usd, UsdGeom, UsdLux
+
+from tests.cli.test_main import shell
+from tests.delegate.scene_delegate.test_lights import sky_picture
+from tests.kernels.points.splat_shapes import sphere
+from usdsplat import schema
+from usdsplat.core.cloud import SplatCloud
+from usdsplat.delegate.engine import Engine
+from usdsplat.images.color import decode
+from usdsplat.render.settings import RenderSettings
+from usdsplat.render.specs import Framing
+
+pytestmark = pytest.mark.usefixtures("compiled")
+
+FIELD = "/World/Ball"
+FAST = ("-q", "--dome-samples", "4", "--light-samples", "1")
+
+
+@pytest.fixture
+def shot(tmp_path):
+    """Return a function that makes a stage with a sphere of splats, a sun and a camera."""
+
+    def make(form="float", *, times=(None,), degree=1):
+        path = tmp_path / "in" / "shot.usda"
+        path.parent.mkdir(exist_ok=True)
+        stage = Usd.Stage.CreateNew(str(path))
+        stage.SetDefaultPrim(UsdGeom.Xform.Define(stage, "/World").GetPrim())
+        UsdGeom.SetStageMetersPerUnit(stage, 1.0)
+        UsdGeom.SetStageUpAxis(stage, "Y")
+        shape = sphere(500)
+        rng = np.random.default_rng(4)
+        sh = rng.uniform(-0.1, 0.1, (500, (degree + 1) ** 2, 3)).astype(np.float32)
+        names = ("positions", "rotations", "scales", "opacities")
+        cloud = SplatCloud(**dict(zip(names, shape.splats, strict=True)), sh=sh)
+        for time in times:
+            schema.author(stage, FIELD, cloud, form=form, time=time)
+            schema.author_surface(
+                stage.GetPrimAtPath(FIELD), normals=shape.normals, confidence=np.ones(500),
+                occlusion=np.zeros(500), time=time,
+            )  # fmt: skip
+        sun = UsdLux.DistantLight.Define(stage, "/World/Sun")
+        sun.CreateAngleAttr(0.0)
+        sun.CreateIntensityAttr(4.0)
+        sun.CreateColorAttr(Gf.Vec3f(1.0, 0.7, 0.4))
+        UsdGeom.Xformable(sun).AddRotateYOp().Set(40.0)
+        camera = UsdGeom.Camera.Define(stage, "/World/Cam")
+        UsdGeom.Xformable(camera).AddTranslateOp().Set(Gf.Vec3d(0, 0, 5))
+        camera.GetClippingRangeAttr().Set(Gf.Vec2f(0.1, 100))
+        stage.Save()
+        return path
+
+    return make
+
+
+def picture_of(path, lighting="captured"):
+    """Straight colours where the picture of a stage is opaque, and their mask."""
+    settings = RenderSettings(lighting=lighting, dome_samples=4, light_samples=1)
+    with Engine(Usd.Stage.Open(str(path))) as engine:
+        view = engine.view("/World/Cam", framing=Framing(resolution=(40, 30)))
+        found = engine.picture(view, settings, ("color",))["color"].copy()
+    return found
+
+
+def named_hdri(path, picture):
+    """Name a hidden dome as the light of the photographs."""
+    stage = Usd.Stage.Open(str(path))
+    dome = UsdLux.DomeLight_1.Define(stage, "/World/Set")
+    dome.CreateTextureFileAttr(picture)
+    dome.MakeInvisible()
+    prim = stage.GetPrimAtPath(FIELD)
+    prim.CreateRelationship("splat:lighting:captured", custom=False).SetTargets(["/World/Set"])
+    stage.Save()
+
+
+@pytest.mark.parametrize("form", ["float", "half", "packed"])
+def test_the_layer_shows_what_render_shows_relit(run_json, shot, tmp_path, form):
+    """Oracle: the relit picture of the stage; a picture of the layer needs no light. The file of
+    the stage stays, and so does all but the colours."""
+    path, target = shot(form), tmp_path / "relit.usda"
+    named_hdri(path, sky_picture(tmp_path))
+    before = path.read_bytes()
+    report = run_json("relight", path, "-o", target, *FAST)
+    assert path.read_bytes() == before
+    (field,) = report["fields"]
+    assert (field["path"], field["splats"], field["residual"]) == (FIELD, 500, None)
+    assert field["error"] < 0.01
+    expected, plain, found = (
+        picture_of(path, "relit"), picture_of(path), picture_of(target)
+    )  # fmt: skip
+    assert np.abs(expected - plain).max() > 0.1
+    # directions in which colours are not fitted exactly, and what the form rounds
+    assert np.abs(found - expected).max() < 0.03
+    layer = Sdf.Layer.FindOrOpen(str(target))
+    names = {each.name for each in layer.GetPrimAtPath(FIELD).properties}
+    assert "positions" not in names and "scales" not in names
+    stage = Usd.Stage.Open(str(target))
+    stage.MuteLayer(layer.identifier) if layer != stage.GetRootLayer() else None
+    layer.GetPrimAtPath(FIELD).nameParent.nameChildren.clear()
+    with Engine(stage) as engine:
+        view = engine.view("/World/Cam", framing=Framing(resolution=(40, 30)))
+        again = engine.picture(view, RenderSettings(), ("color",))["color"]
+        np.testing.assert_array_equal(again, plain)
+
+
+def test_the_set_s_hdri_on_the_command_line_is_that_of_a_named_dome(run_json, shot, tmp_path):
+    """Oracle: the colours with a dome that the field names; the stage keeps no trace."""
+    path, picture = shot(), sky_picture(tmp_path)
+    run_json("relight", path, "-o", tmp_path / "a.usda", "--captured-hdri", picture, *FAST)
+    text = (tmp_path / "a.usda").read_text()
+    assert "SplatCapturedLight" not in text and "lighting:captured" not in text
+    named_hdri(path, picture)
+    run_json("relight", path, "-o", tmp_path / "b.usda", *FAST)
+    a, b = (colors(tmp_path / f"{name}.usda") for name in "ab")
+    np.testing.assert_array_equal(a, b)
+
+
+def colors(path, time=None):
+    stage = Usd.Stage.Open(str(path))
+    return schema.fetch(stage.GetPrimAtPath(FIELD), time).sh
+
+
+def test_the_same_light_in_and_out_changes_no_bit(run_json, shot, tmp_path):
+    """Oracle: the harmonics of the capture."""
+    path = shot()
+    stage = Usd.Stage.Open(str(path))
+    names = stage.GetPrimAtPath(FIELD).CreateRelationship("splat:lighting:captured", custom=False)
+    names.SetTargets(["/World/Sun"])
+    stage.Save()
+    report = run_json("relight", path, "-o", tmp_path / "same.usda", "-q")
+    np.testing.assert_array_equal(colors(tmp_path / "same.usda"), colors(path))
+    assert report["fields"][0]["error"] == 0.0
+
+
+def test_without_a_named_light_it_is_estimated_and_the_residual_reported(run, shot, tmp_path):
+    """Oracle: the sentence, and brighter splats towards the sun than away from it."""
+    path, target = shot(degree=0), tmp_path / "relit.usda"
+    status, out, _ = run("relight", path, "-o", target)
+    assert status == 0 and "estimated light, which leaves" in out
+    normals = sphere(500).normals
+    ratio = decode(0.2820948 * colors(target)[:, 0] + 0.5, "srgb_rec709_scene") / decode(
+        0.2820948 * colors(path)[:, 0] + 0.5, "srgb_rec709_scene"
+    )
+    towards = normals @ [np.sin(np.radians(40)), 0, np.cos(np.radians(40))]
+    lit, dark = ratio[towards > 0.7], ratio[towards < -0.2]
+    assert lit.mean() > 3 * dark.mean()
+    assert lit[:, 0].mean() > 1.5 * lit[:, 2].mean()
+
+
+def test_fields_with_samples_get_the_same_samples(run_json, shot, tmp_path):
+    """Oracle: the times."""
+    path, target = shot(times=(1.0, 3.0)), tmp_path / "relit.usda"
+    stage = Usd.Stage.Open(str(path))
+    UsdLux.LightAPI(stage.GetPrimAtPath("/World/Sun")).GetIntensityAttr().Set(1.0, 1.0)
+    UsdLux.LightAPI(stage.GetPrimAtPath("/World/Sun")).GetIntensityAttr().Set(8.0, 3.0)
+    stage.Save()
+    report = run_json("relight", path, "-o", target, "-q")
+    assert report["fields"][0]["samples"] == 2
+    layer = Sdf.Layer.FindOrOpen(str(target))
+    (attribute,) = layer.GetPrimAtPath(FIELD).properties
+    assert layer.ListTimeSamplesForPath(attribute.path) == [1.0, 3.0]
+    assert colors(target, 3.0)[:, 0].mean() > colors(target, 1.0)[:, 0].mean() + 0.2
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (("-o", "relit.usdz"), "a .usda, .usdc or .usd layer"),
+        (("-o", "relit.usda", "--prim", "/World/Cam"), "a visible splat field"),
+        (("-o", "relit.usda", "--captured-hdri", "none.exr", "--strict"), "none.exr"),
+    ],
+)
+def test_mistakes_are_one_sentence_and_write_nothing(shot, tmp_path, words, sentence):
+    """Oracle: the sentence."""
+    path = shot()
+    found = shell("relight", path, *words, cwd=tmp_path)
+    assert found.returncode in (1, 2) and sentence in found.stderr
+    assert "Traceback" not in found.stderr
+    assert not list(tmp_path.glob("relit.*"))
+
+
+def test_a_stage_without_lights_has_nothing_to_relight_by(run, shot, tmp_path):
+    """Oracle: the sentence; JSON has findings in the form of other commands."""
+    path = shot()
+    stage = Usd.Stage.Open(str(path))
+    stage.GetPrimAtPath("/World/Sun").SetActive(False)
+    stage.Save()
+    status, _, err = run("relight", path, "-o", tmp_path / "relit.usda")
+    assert status == 2 and "expected a light to relight by" in err
+
+
+def test_hidden_fields_are_findings(run, shot, tmp_path):
+    """Oracle: the code and the path."""
+    path = shot()
+    stage = Usd.Stage.Open(str(path))
+    other = "/World/Hidden"
+    schema.author(stage, other, schema.fetch(stage.GetPrimAtPath(FIELD)))
+    UsdGeom.Imageable(stage.GetPrimAtPath(other)).MakeInvisible()
+    stage.Save()
+    status, out, err = run("relight", path, "-o", tmp_path / "relit.usda", "--json")
+    assert "[not-relit] /World/Hidden" in err, err
+    assert status == 0
+    assert [each["code"] for each in json.loads(out)["findings"]] == ["not-relit"]

@@ -1,0 +1,64 @@
+"""Read the lights of a stage, and keep what is expensive to read."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+
+from pxr import Usd, UsdGeom
+
+from usdsplat import schema
+from usdsplat.core.findings import Finding
+from usdsplat.delegate.scene_delegate.domes import Skies
+from usdsplat.delegate.scene_delegate.lights import read_light
+from usdsplat.delegate.scene_delegate.unsupported import findings_on_light, is_dome
+from usdsplat.render.lights.specs import LightSpec
+
+
+class LightReader:
+    """Lights of a stage, and findings on them."""
+
+    def __init__(self) -> None:
+        self._skies = Skies()
+        self._named: frozenset[str] = frozenset()
+        self.remarks: tuple[Finding, ...] = ()
+        """Findings on the light that was read last."""
+
+    def rename(self, fields: Iterable[Usd.Prim]) -> frozenset[str]:
+        """Find the lights in which fields were photographed, which are read although they may be
+        hidden. Return those of which this has changed."""
+        before = self._named
+        self._named = frozenset(path for prim in fields for path in schema.captured_lights(prim))
+        return before ^ self._named
+
+    def read(
+        self, prim: Usd.Prim, time: Usd.TimeCode, cache: UsdGeom.XformCache
+    ) -> LightSpec | None:
+        """Read a light at a time; None if it is invisible and not that of photographs.
+
+        Raises:
+            StageError: If its numbers, its transform or its picture are invalid.
+        """
+        self.remarks = ()
+        is_on = _is_seen(prim, time)
+        if not is_on and str(prim.GetPath()) not in self._named:
+            return None
+        sky = None
+        if is_dome(prim):
+            sky, self.remarks = self._skies.read(prim, time)
+        return replace(read_light(prim, time, cache, sky), is_on=is_on)
+
+    def clear(self) -> None:
+        """Release all pictures."""
+        self._skies.clear()
+
+
+def unused_inputs(prims: Iterable[Usd.Prim], time: Usd.TimeCode) -> Iterator[Finding]:
+    """Yield a finding for each input of a visible light that has no effect."""
+    for prim in prims:
+        if _is_seen(prim, time):
+            yield from findings_on_light(prim)
+
+
+def _is_seen(prim: Usd.Prim, time: Usd.TimeCode) -> bool:
+    return bool(UsdGeom.Imageable(prim).ComputeVisibility(time) != UsdGeom.Tokens.invisible)

@@ -1,0 +1,156 @@
+"""Shine lights on receivers, with depth maps that are kept between pictures."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from usdsplat.core.cloud import F32
+from usdsplat.kernels import domes, lighting, total
+from usdsplat.render.draw_list import DrawList
+from usdsplat.render.lights.cameras import LightCamera, bounds_of, cameras_of
+from usdsplat.render.lights.depth_map import DepthMap, draw_depth_map
+from usdsplat.render.lights.dome import peak_lights, smooth_light
+from usdsplat.render.lights.sampling import samples_of
+from usdsplat.render.lights.specs import LightSpec, Rules
+from usdsplat.render.matte import is_matte
+from usdsplat.render.rasterizer import Rasterizer
+from usdsplat.render.scene import RenderScene
+from usdsplat.render.settings import RenderSettings
+from usdsplat.render.surface_cache import SurfaceCache
+
+KEPT_BYTES = 512 << 20
+"""Maximum size of the depth maps that are kept [byte]."""
+DOME_RESOLUTION = 512
+"""Maximum size of the pictures that a direction of a dome takes of meshes [pixel]. It stands for a
+part of the sky, whose shadows have no sharp edges."""
+NO_SUMS: F32 = np.empty((0, lighting.SUMS), np.float32)
+
+Maps = OrderedDict[tuple[bytes, Rules], tuple[Any, DepthMap]]
+"""Light and its casters -> what the map depends on besides, and the map; last used last."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Receivers:
+    """Places that receive light, and their sums."""
+
+    places: tuple[Any, ...]
+    """(points, normals, shapes, prims), see `lighting.illuminate`."""
+    linked: Any
+    """Whether the light is linked to each prim, shape (prims,) u8."""
+    own: int
+    """Appearance that does not shadow them, or ALL_APPEARANCES."""
+    sums: Any
+    """Receives the light, shape (n, SUMS) f32."""
+    seen: Any = None
+    """Buffer of the same shape for the visible part of domes; None to allocate it."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class LightMaps:
+    """What the lights of a scene see, and the light that they send."""
+
+    rasterizer: Rasterizer
+    settings: RenderSettings
+    scene: RenderScene
+    casters: DrawList
+    """Splats that cast shadows."""
+    catches: Callable[[str], bool]
+    """Whether the prim at a path is a shadow catcher."""
+    version: Any
+    """What maps depend on besides lights."""
+    kept: Maps
+    meshes: SurfaceCache
+
+    def shine(self, light: LightSpec, receivers: Sequence[Receivers], *, casts: bool) -> None:
+        """Add a light to the sums of receivers.
+
+        Args:
+            casts: Whether there are shadows.
+        """
+        if light.kind != "dome":
+            for each in self._maps(light, self.settings.light_samples, casts=casts):
+                for one in receivers:
+                    self._illuminate(each, light, one, one.sums)
+            return
+        self._shine_sky(light, receivers, casts=casts and light.shadow.enable)
+        for peak in peak_lights(light):
+            self.shine(peak, receivers, casts=casts)
+
+    def _shine_sky(self, light: LightSpec, receivers: Sequence[Receivers], *, casts: bool) -> None:
+        """Add the light of a dome without its peaks."""
+        device = self.rasterizer.device
+        seen = [NO_SUMS for _ in receivers]
+        if casts:
+            seen = [
+                device.resident(one.sums.shape, np.float32) if one.seen is None else one.seen
+                for one in receivers
+            ]
+            for sums in seen:
+                device.run(total.clear, by_pixel(sums))
+            for each in self._maps(light, self.settings.dome_samples, casts=True):
+                for one, sums in zip(receivers, seen, strict=True):
+                    self._illuminate(each, light, one, sums)
+        mean, ratios = smooth_light(light)
+        for one, sums in zip(receivers, seen, strict=True):
+            _, normals, _, prims = one.places
+            device.run(domes.add_dome, mean, ratios, normals, prims, one.linked, sums, one.sums)
+
+    def _maps(self, light: LightSpec, samples: int, *, casts: bool) -> Iterator[DepthMap]:
+        """Yield the depth map of each camera of a light."""
+        bounds, resolution = bounds_of(self.scene), self.settings.shadow_resolution
+        if light.kind == "dome":
+            resolution = min(resolution, DOME_RESOLUTION)
+        records = samples_of(light, samples)
+        for record in records:
+            one = record[None].copy()
+            one["casts"] &= casts
+            for camera in cameras_of(one, bounds, resolution):
+                yield self._map(camera, light, len(records))
+
+    def _map(self, camera: LightCamera, light: LightSpec, samples: int) -> DepthMap:
+        """Return the depth map of a camera, drawn if it is not kept. Maps of a light are not kept
+        if not all of them can be: the first ones would be gone when they are needed again."""
+        maps, key = self.kept, (camera.light.tobytes(), light.casters)
+        held = maps.get(key)
+        if held is not None and held[0] == self.version:
+            maps.move_to_end(key)
+            return held[1]
+
+        def casts(path: str) -> bool:
+            return self._casts(path, light)
+
+        for other in [name for name, (before, _) in maps.items() if before != self.version]:
+            del maps[other]
+        made = draw_depth_map(self.rasterizer, camera, self.scene, self.casters, casts, self.meshes)
+        if light.kind == "dome" and samples * made.nbytes > KEPT_BYTES:
+            return made
+        maps[key] = self.version, made
+        while sum(each.nbytes for _, each in maps.values()) > KEPT_BYTES and len(maps) > 1:
+            maps.popitem(last=False)
+        return made
+
+    def _casts(self, path: str, light: LightSpec) -> bool:
+        """Return whether the prim at a path casts shadows of a light. Shadow catchers stand for
+        what a plate shows already, so they do not."""
+        return is_matte(path, light.casters) and not self.catches(path)
+
+    def _illuminate(self, each: DepthMap, light: LightSpec, to: Receivers, sums: Any) -> None:
+        """Add the light of one camera to sums of receivers."""
+        points, normals, shapes, prims = to.places
+        names = self.casters.prims
+        numbers = self.casters.labels[:, 0].tolist()
+        casts = np.array([self._casts(names[number], light) for number in numbers], np.uint8)
+        self.rasterizer.device.run(
+            lighting.illuminate, each.light, points, normals, shapes, prims, to.linked, to.own,
+            each.world_to_screen, each.views, (*each.splats, casts), each.tiles, each.depths, sums,
+        )  # fmt: skip
+
+
+def by_pixel(sums: Any) -> Any:
+    """Return sums of n receivers in the shape of a picture with a column, (n, 1, SUMS)."""
+    return sums.reshape((sums.shape[0], 1, lighting.SUMS))
