@@ -55,7 +55,7 @@ DRAG, COMPARED = 2.0, 1.0
 """Time of an orbit [s], and of one that compares two looks."""
 WARM = 3
 """Minutes that are not compared."""
-MEMORY, THREADS, FILES = 0.1, 2, 4
+MEMORY, THREADS, FILES = 0.05, 2, 4
 """Growth that is allowed: part of the memory, threads, and open files."""
 
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from rich.table import Table
 
-from benchmarks import performance, plot
+from benchmarks import performance, plot, window_latency
 from benchmarks.report import Report, Results, read_results, spread
 
 SVG = "{http://www.w3.org/2000/svg}"
@@ -158,3 +158,13 @@ def test_the_page_is_made_of_its_text_and_results(tmp_path: Path) -> None:
     text = performance.TEXT.read_text(encoding="utf-8")
     made = performance.page(text, performance.all_results(), tmp_path)
     assert made == performance.PAGE.read_text(encoding="utf-8")
+
+
+def test_the_table_of_the_window_is_that_of_its_script() -> None:
+    """Oracle: the script's own names of columns, in the stored table and in the text."""
+    columns = window_latency.COLUMNS
+    (table,) = performance.all_results()["cpu-window_latency"].tables
+    assert table["columns"] == list(columns)
+    text = performance.PAGE.read_text(encoding="utf-8")
+    assert "| " + " | ".join(columns) + " |" in text
+    assert all(f"*{name}*" in text for name in columns if name not in ("scene", "pictures/s"))

@@ -12,12 +12,12 @@ def minute(megabytes: float, *, threads: int = 9, files: int = 9) -> Minute:
 
 def test_only_what_grows_after_the_first_minutes_is_told() -> None:
     """Oracle: written down by hand: a start that grows and memory that varies are fine, a leak of
-    four percent a minute, and of a thread and two files, is not."""
+    two percent a minute, and of a thread and two files, is not."""
     start = [minute(100.0 * number) for number in range(WARM)]
     flat = [minute(1000.0 + number % 3) for number in range(7)]
     assert growth(start + flat) == []
     leaks = [
-        minute(1000.0 + 40 * number, threads=9 + number, files=9 + 2 * number)
+        minute(1000.0 + 20 * number, threads=9 + number, files=9 + 2 * number)
         for number in range(7)
     ]
     assert [each.split(":")[0] for each in growth(start + leaks)] == [
