@@ -172,6 +172,35 @@ def encode(rgb: npt.ArrayLike, space: str) -> F64:
     return _encode(np.asarray(rgb, np.float64), found.gamma, found.linear_bias)
 
 
+def light_matrices(space: str) -> F64:
+    """Return the matrices from linear RGB of a space to linear Rec.709, in which lights are, and
+    back, shape (2, 3, 3); none, (0, 3, 3), if the primaries are the same or the space is data.
+
+    Raises:
+        UsageError: If the name is unknown.
+    """
+    own = color_space(space).chromaticities
+    if own is None or own == REC709:
+        return np.empty((0, 3, 3))
+    return np.stack([_matrix(own, REC709), _matrix(REC709, own)])
+
+
+def decode_light(rgb: npt.ArrayLike, space: str) -> F64:
+    """Return linear Rec.709 colours of encoded ones, shape (..., 3); of data as `decode`."""
+    linear = decode(rgb, space)
+    for to_light in light_matrices(space)[:1]:
+        linear = linear @ to_light.T
+    return linear
+
+
+def encode_light(light: npt.ArrayLike, space: str) -> F64:
+    """Invert `decode_light`."""
+    linear = np.asarray(light, np.float64)
+    for from_light in light_matrices(space)[1:]:
+        linear = linear @ from_light.T
+    return encode(linear, space)
+
+
 def to_xyz(chromaticities: Chromaticities) -> F64:
     """Return the matrix from linear RGB to CIE XYZ under D65, column vectors, shape (3, 3)."""
     d65 = np.array([D65[0], D65[1], 1 - sum(D65)]) / D65[1]

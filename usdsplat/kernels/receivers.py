@@ -181,8 +181,9 @@ def relight(i, sums, captured, ambient, captured_ambient, rows, out):
 
 @kernel(over="found", writes=("paints",), team=True)
 def dim(
-    item, lane, lanes, gains, count, drawn, rows, curve, block, base, sources, found, paints, column
-):
+    item, lane, lanes, gains, count, drawn, rows, curve, turns, block, base, sources, found, paints,
+    column,
+):  # fmt: skip
     """Multiply the linear colours of the visible splats of all instances of one field.
 
     Args:
@@ -191,6 +192,8 @@ def dim(
         drawn: Drawn splats of the field.
         rows: Row in the field of each source; empty if sources are rows of the field.
         curve: Gamma and linear bias of the blend space, see `color`, shape (2,) f32.
+        turns: Matrices from the blend space's primaries to those of the gains and back, shape
+            (2, 3, 3) f32; empty if they are the same.
         block, base, sources, found: See `radiance.radiance`.
         paints, column: Holds the colour in three columns of each used slot, f32.
     """
@@ -201,6 +204,19 @@ def dim(
         i = np.int64(sources[at])
         if rows.shape[0] > 0:
             i = np.int64(rows[i])
+        if turns.shape[0] > 0:
+            r = decode(paints[at, column], curve[0], curve[1])
+            g = decode(paints[at, column + 1], curve[0], curve[1])
+            b = decode(paints[at, column + 2], curve[0], curve[1])
+            x = turns[0, 0, 0] * r + turns[0, 0, 1] * g + turns[0, 0, 2] * b
+            y = turns[0, 1, 0] * r + turns[0, 1, 1] * g + turns[0, 1, 2] * b
+            z = turns[0, 2, 0] * r + turns[0, 2, 1] * g + turns[0, 2, 2] * b
+            x, y = x * gains[first + i, 0], y * gains[first + i, 1]
+            z = z * gains[first + i, 2]
+            for c in range(3):
+                linear = turns[1, c, 0] * x + turns[1, c, 1] * y + turns[1, c, 2] * z
+                paints[at, column + c] = encode(linear, curve[0], curve[1])
+            continue
         for c in range(3):
             linear = decode(paints[at, column + c], curve[0], curve[1])
             paints[at, column + c] = encode(linear * gains[first + i, c], curve[0], curve[1])

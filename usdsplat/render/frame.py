@@ -41,13 +41,14 @@ from usdsplat.render.band import Band
 from usdsplat.render.deep_samples import DeepSamples
 from usdsplat.render.display import displayed
 from usdsplat.render.frame_context import FrameContext, FrameSample
+from usdsplat.render.group_gains import NO_GAINS
 from usdsplat.render.lights.lighting import lighting_of
 from usdsplat.render.lights.needs import with_catchers
 from usdsplat.render.lod.nodes import samples_of
 from usdsplat.render.motion import Motion
 from usdsplat.render.occluders import Occluders, with_holdout
 from usdsplat.render.projected_splats import ProjectedSplats
-from usdsplat.render.projector import NO_GAINS, Projector
+from usdsplat.render.projector import Projector
 from usdsplat.render.rasterizer import WholeImage
 from usdsplat.render.screen import Screen
 from usdsplat.render.specs import CameraSpec, View

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -19,6 +17,7 @@ from usdsplat.render.buffers import Memory
 from usdsplat.render.crop_volumes import volumes
 from usdsplat.render.draw_list import DrawList, Group, Placements
 from usdsplat.render.frame_buffers import FrameBuffers
+from usdsplat.render.group_gains import NO_GAINS, Gains
 from usdsplat.render.matte import is_matte
 from usdsplat.render.projected_splats import HeldInputs, ProjectedSplats
 from usdsplat.render.screen import Screen
@@ -29,10 +28,6 @@ from usdsplat.render.splat_normals import NO_SURFACE
 
 BEHIND = -1e30
 """Depth of hidden instances, in front of every near plane [scene unit]."""
-Gains = Mapping[int, tuple[object, Any]]
-"""First slot of a group -> token of its gains, and factors r g b of each instance and splat, shape
-(m n, 3)."""
-NO_GAINS: Gains = MappingProxyType({})
 NO_ROWS = np.empty(0, np.int32)
 NO_WEIGHTS: F32 = np.empty(0, np.float32)
 DOT_REACH = 4
@@ -275,7 +270,7 @@ class Projector:
             self.sights(group.placements).tobytes(),
             self.settings.sh_degree,
             numbers.tobytes(),
-            *self._gains.get(group.slot, ())[:1],
+            self._gains[group.slot].token if group.slot in self._gains else None,
         )
 
     def _radiance(self, group: Group, found: I32, paints: F32, column: int, degree: int) -> None:
@@ -291,12 +286,13 @@ class Projector:
         """Multiply the colours of a group by its gains."""
         if group.slot not in self._gains:
             return
-        _, gains = self._gains[group.slot]
+        gains = self._gains[group.slot]
         rows = self._device.keep(NO_ROWS if group.rows is None else group.rows)
         curve = conversion_curve(self._blend_space)
         self._device.run(
-            receivers.dim, gains, len(group.field.spec.cloud), len(group.cloud),
-            rows, curve, group.block, group.slot, self._sources, found, self._records, project.RED,
+            receivers.dim, gains.factors, len(group.field.spec.cloud), len(group.cloud),
+            rows, curve, gains.turns(self._blend_space), group.block, group.slot, self._sources,
+            found, self._records, project.RED,
         )  # fmt: skip
 
     def ratios(self, order: I32, gains: Gains) -> F32:
@@ -305,9 +301,9 @@ class Projector:
         They are rows of buffers that the next call overwrites.
         """
         buffer = self._buffers.features(self.layout.slots)
-        missing = None, np.empty((0, 3), np.float32)
+        missing = np.empty((0, 3), np.float32)
         for group, found in self._parts:
-            _, own = gains.get(group.slot, missing)
+            own = gains[group.slot].factors if group.slot in gains else missing
             self._device.run(
                 receivers.spread_gains, own, len(group.field.spec.cloud), len(group.cloud),
                 group.block, group.slot, self._sources, found, buffer, feature.ALBEDO,

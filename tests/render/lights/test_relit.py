@@ -14,7 +14,7 @@ from tests.render.lights.test_shadows import SUN, WHITE, quad, view_from_above
 from tests.render.rendering import picture, settings_of
 from tests.render.surface_scenes import add
 from usdsplat.core.sh import C0, basis
-from usdsplat.images.color import decode, encode
+from usdsplat.images.color import decode, encode, encode_light
 from usdsplat.kernels.devices import open_device
 from usdsplat.render.lights.captured import GREY, estimate
 from usdsplat.render.lights.dome import split
@@ -182,3 +182,53 @@ def test_edits_of_the_light_of_photographs_are_drawn():
         if before is not None and edit is not edits[3]:
             assert any(not np.array_equal(a, b) for a, b in zip(found, before, strict=True))
         before = found
+
+
+@pytest.mark.parametrize("space", ["lin_ap1_scene", "srgb_p3d65_scene"])
+def test_light_multiplies_rec709_whatever_the_primaries_of_a_capture(space):
+    """Oracle: the product in linear Rec.709, by OpenUSD's own matrices."""
+    from pxr import Gf
+
+    def rec709(colors):
+        gf = Gf.ColorSpace("lin_rec709_scene")
+        rows = colors.reshape(-1, 3).tolist()
+        found = [gf.Convert(Gf.ColorSpace(space), Gf.Vec3f(*row)).GetRGB() for row in rows]
+        return np.array(found).reshape(colors.shape)
+
+    factors = np.array([2.0, 1.0, 0.5])
+    own = np.random.default_rng(3).uniform(0.3, 0.7, (20, 3)).astype(np.float32)
+    sh = ((own - 0.5) / C0).astype(np.float32)[:, None]
+    fitted = fit_colors(sh, np.tile(factors, (20, 1)), space).sh[:, 0] * C0 + 0.5
+    np.testing.assert_allclose(rec709(fitted), rec709(own) * factors, atol=2e-3)
+    scene = ball_scene(color_space=space, captured_lights=("/photographed",))
+    field = scene.visible_fields()[0]
+    cloud = replace(field.spec.cloud, sh=np.tile(np.float32([0.3, -0.2, 0.1]), (400, 1, 1)))
+    scene.set_field("/ball", replace(field.spec, cloud=cloud))
+    scene.set_light("/photographed", replace(dome(), is_on=False))
+    for options in ({}, {"blend_space": "linear"}):
+        options = {"color_mode": "scene", **options}
+        plain = colors_of(scene, lighting="captured", **options)
+        scene.set_light("/new", dome(radiance=tuple(factors)))
+        lit = colors_of(scene, **options)
+        scene.set_light("/new", None)
+        full = plain[..., 3] > 0.99
+        assert full.sum() > 100
+        np.testing.assert_allclose(
+            lit[full][:, :3], plain[full][:, :3] * factors, rtol=0.02, atol=5e-3
+        )
+
+
+def test_the_estimate_of_a_capture_does_not_depend_on_its_primaries():
+    """Oracle: the same colours in Rec.709."""
+    normals = spread_normals(500)
+    light = (1.0 + 0.5 * normals[:, 1:2]) * [1.0, 0.8, 0.6]
+    facts = np.stack([np.ones(500), np.zeros(500)], axis=1).astype(np.float32)
+    surface = SurfaceValues(normals.astype(np.float32), facts)
+    found = []
+    for space in ("lin_rec709_scene", "lin_ap1_scene"):
+        colors = encode_light(GREY * light, space)
+        sh = ((colors - 0.5) / C0).astype(np.float32)[:, None]
+        cloud = replace(cloud_of(normals, (0.12, 0.12, 0.12), 0.95), sh=sh)
+        found.append(estimate(cloud, space, surface).light)
+    np.testing.assert_allclose(found[1], found[0], rtol=1e-4)
+    np.testing.assert_allclose(found[1], light, rtol=5e-3)

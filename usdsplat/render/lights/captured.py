@@ -16,7 +16,7 @@ import numpy as np
 
 from usdsplat.core import sh
 from usdsplat.core.cloud import F32, F64, SplatCloud
-from usdsplat.images.color import decode
+from usdsplat.images.color import decode_light
 from usdsplat.images.texture import LUMINANCE
 from usdsplat.render.splat_normals import SurfaceValues
 
@@ -36,7 +36,8 @@ class CapturedLight:
     """Estimated light of a capture."""
 
     light: F32
-    """Light on each splat as that which a white surface reflects, linear, shape (n, 3)."""
+    """Light on each splat as that which a white surface reflects, linear Rec.709, shape
+    (n, 3)."""
     residual: float
     """Part of the variation of colours that light does not explain: 0 for a grey capture, near 1
     if colours do not depend on normals."""
@@ -50,7 +51,9 @@ def estimate(cloud: SplatCloud, color_space: str, surface: SurfaceValues) -> Cap
         color_space: Space of the colours.
         surface: Normals and confidence of the splats.
     """
-    linear = np.maximum(0.0, decode(sh.dc_to_rgb(cloud.sh[:, 0].astype(np.float64)), color_space))
+    colors = sh.dc_to_rgb(cloud.sh[:, 0].astype(np.float64))
+    with np.errstate(invalid="ignore"):  # sums of infinite parts, which count as 0 below
+        linear = np.maximum(0.0, decode_light(colors, color_space))
     linear = np.nan_to_num(linear, posinf=0.0)
     sizes = np.sort(cloud.scales.astype(np.float64), axis=1)
     confidence = surface.facts[:, 0].astype(np.float64)

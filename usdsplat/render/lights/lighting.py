@@ -21,13 +21,13 @@ from usdsplat.kernels import lighting, receivers, total
 from usdsplat.kernels.points.curve_order import curve_order
 from usdsplat.render.draw_list import DrawList, Group
 from usdsplat.render.frame_buffers import FrameBuffers
+from usdsplat.render.group_gains import Gains, GroupGains
 from usdsplat.render.lights.captured import estimate
 from usdsplat.render.lights.gains import relit_gains, shadow_gains, summed
 from usdsplat.render.lights.light_maps import LightMaps, Maps, Receivers, by_pixel
 from usdsplat.render.lights.needs import is_needed, mode_of
 from usdsplat.render.lights.specs import LightSpec
 from usdsplat.render.matte import is_matte
-from usdsplat.render.projector import Gains
 from usdsplat.render.rasterizer import Rasterizer
 from usdsplat.render.scene import RenderScene
 from usdsplat.render.screen import Screen
@@ -51,8 +51,8 @@ class LightStore:
     estimates: dict[int, tuple[Any, Any]] = field(default_factory=dict)
     """First slot of a group -> what the estimated light of its photographs depends on, and its
     sums."""
-    gains: dict[tuple[int, str], tuple[Any, object, Any]] = field(default_factory=dict)
-    """First slot of a group and mode -> what its gains depend on, their token, and the gains."""
+    gains: dict[tuple[int, str], tuple[Any, GroupGains]] = field(default_factory=dict)
+    """First slot of a group and mode -> what its gains depend on, and the gains."""
     rows: dict[int, tuple[F32, I32]] = field(default_factory=dict)
     """First slot of a group -> the centres of its field, and their order along a curve."""
     meshes: SurfaceCache = field(default_factory=SurfaceCache)
@@ -281,25 +281,25 @@ class Lighting:
             self._store.rows[group.slot] = held
         return held[1]
 
-    def _gain(self, target: _Target, mode: str) -> tuple[object, Any]:
-        """Return the gains of a group in a mode, "shadowed" or "relit", and their token."""
+    def _gain(self, target: _Target, mode: str) -> GroupGains:
+        """Return the gains of a group in a mode, "shadowed" or "relit"."""
         slot, ambient = target.group.slot, self._settings.ambient
         parts = [self._store.sums[slot, path] for path in sorted(self._scene.named_lights)]
         before = self._captured(target) if mode == "relit" else []
         version = ambient, *(each[0] for each in parts), *(each[0] for each in before)
         held = self._store.gains.get((slot, mode))
         if held is not None and held[0] == version:
-            return held[1], held[2]
+            return held[1]
         rows = self._rows(target.group)
         sums = summed(self._device, [each[1] for each in parts])
         if before:
             captured = summed(self._device, [each[1] for each in before])
-            gains = relit_gains(self._device, sums, captured, ambient, rows)
+            factors = relit_gains(self._device, sums, captured, ambient, rows)
         else:
-            gains = shadow_gains(self._device, sums, ambient, rows)
-        token = object()
-        self._store.gains[slot, mode] = version, token, gains
-        return token, gains
+            factors = shadow_gains(self._device, sums, ambient, rows)
+        gains = GroupGains(token=object(), factors=factors, is_light=mode == "relit")
+        self._store.gains[slot, mode] = version, gains
+        return gains
 
     # --- light of photographs ----------------------------------------------------------------
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from usdsplat.core import sh
 from usdsplat.core.cloud import F32
-from usdsplat.images.color import decode, encode
+from usdsplat.images.color import decode_light, encode_light
 from usdsplat.kernels.device import Device
 from usdsplat.render.frame_buffers import FrameBuffers
 from usdsplat.render.lights.lighting import Lighting
@@ -57,7 +57,7 @@ def field_gains(device: Device, scene: RenderScene, settings: RenderSettings) ->
     found = {}
     for group in layout.groups:
         if group.slot in light.gains and len(group.field.instances) == 1:
-            gains = np.array(device.fetch(light.gains[group.slot][1]))
+            gains = np.array(device.fetch(light.gains[group.slot].factors))
             found[paths[id(group.field)]] = gains
     return found
 
@@ -70,7 +70,7 @@ def fit_colors(harmonics: F32, gains: F32, space: str) -> FittedColors:
 
     Args:
         harmonics: Shape (n, k, 3).
-        gains: Shape (n, 3).
+        gains: Factors on linear Rec.709, shape (n, 3).
         space: Colour space of the harmonics.
     """
     degree = round(harmonics.shape[1] ** 0.5) - 1
@@ -81,7 +81,7 @@ def fit_colors(harmonics: F32, gains: F32, space: str) -> FittedColors:
         part = slice(first, first + BLOCK)
         before = harmonics[part].astype(np.float64)
         colors = np.einsum("mk,nkc->nmc", rows, before) + 0.5
-        wanted = encode(decode(colors, space) * gains[part, None, :], space)
+        wanted = encode_light(decode_light(colors, space) * gains[part, None, :], space)
         after = np.einsum("km,nmc->nkc", fit, wanted - 0.5)
         changed = (gains[part] != 1).any(axis=1)
         found[part][changed] = after[changed]
