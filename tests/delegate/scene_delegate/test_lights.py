@@ -329,3 +329,22 @@ def test_a_hidden_light_is_read_if_a_field_names_it_as_that_of_its_photographs()
         engine.sync()
         assert scene.light("/Set") is None
         assert scene.visible_fields()[0].spec.captured_lights == ()
+
+
+def test_edits_of_a_forwarded_relationship_change_the_light_of_photographs() -> None:
+    """Oracle: the targets of the relationship that is named, before and after an edit of it."""
+    stage = Usd.Stage.CreateInMemory()
+    prim = schema.author(stage, "/Splats", procedural_capture(2000))
+    for path in ("/Day", "/Night"):
+        UsdLux.DomeLight.Define(stage, path).MakeInvisible()
+    other = stage.DefinePrim("/Other").CreateRelationship("lights")
+    other.SetTargets(["/Day"])
+    names = prim.CreateRelationship("splat:lighting:captured", custom=False)
+    names.SetTargets(["/Other.lights"])
+    with Engine(stage) as engine:
+        scene = engine.render_scene
+        assert scene.visible_fields()[0].spec.captured_lights == ("/Day",)
+        other.SetTargets(["/Night"])
+        engine.sync()
+        assert scene.visible_fields()[0].spec.captured_lights == ("/Night",)
+        assert scene.light("/Day") is None and scene.light("/Night") is not None

@@ -191,9 +191,8 @@ class UsdSceneDelegate:
             self._populate()
             self._is_stale = False
         if changed or stale:
-            fields = (each.prim for each in self._population.fields.values())
-            for path in self._lights.rename(fields) & self._population.lights.keys():
-                self._index.tracker.mark(path, DirtyBits.PARAMS)
+            for path, bits in self._lights.renamed(self._population):
+                self._index.tracker.mark(path, bits)
         edited = changed or self.time != self._applied_time
         for path in self._chunks.changed_trees(self._population.fields, self._code, edited=edited):
             self._index.tracker.mark(path, DirtyBits.PRIMVAR)

@@ -9,8 +9,10 @@ from pxr import Usd, UsdGeom
 
 from usdsplat import schema
 from usdsplat.core.findings import Finding
+from usdsplat.delegate.dirty_bits import DirtyBits
 from usdsplat.delegate.scene_delegate.domes import Skies
 from usdsplat.delegate.scene_delegate.lights import read_light
+from usdsplat.delegate.scene_delegate.population import Population
 from usdsplat.delegate.scene_delegate.unsupported import findings_on_light, is_dome
 from usdsplat.render.lights.specs import LightSpec
 
@@ -20,16 +22,25 @@ class LightReader:
 
     def __init__(self) -> None:
         self._skies = Skies()
-        self._named: frozenset[str] = frozenset()
+        self._named: dict[str, tuple[str, ...]] = {}
+        """Path of a field -> the lights in which it was photographed."""
+        self._photographed: set[str] = set()
         self.remarks: tuple[Finding, ...] = ()
         """Findings on the light that was read last."""
 
-    def rename(self, fields: Iterable[Usd.Prim]) -> frozenset[str]:
+    def renamed(self, known: Population) -> Iterator[tuple[str, DirtyBits]]:
         """Find the lights in which fields were photographed, which are read although they may be
-        hidden. Return those of which this has changed."""
-        before = self._named
-        self._named = frozenset(path for prim in fields for path in schema.captured_lights(prim))
-        return before ^ self._named
+        hidden. Yield the bits of those of which this has changed, and of the fields that name
+        others: relationships may be forwarded, so that edits of other prims change what they name.
+        """
+        before, lights = self._named, self._photographed
+        self._named = {path: schema.captured_lights(e.prim) for path, e in known.fields.items()}
+        self._photographed = {path for named in self._named.values() for path in named}
+        for path in (lights ^ self._photographed) & known.lights.keys():
+            yield path, DirtyBits.PARAMS
+        for path in before.keys() & self._named.keys():
+            if before[path] != self._named[path]:
+                yield path, DirtyBits.PRIMVAR
 
     def read(
         self, prim: Usd.Prim, time: Usd.TimeCode, cache: UsdGeom.XformCache
@@ -41,7 +52,7 @@ class LightReader:
         """
         self.remarks = ()
         is_on = _is_seen(prim, time)
-        if not is_on and str(prim.GetPath()) not in self._named:
+        if not is_on and str(prim.GetPath()) not in self._photographed:
             return None
         sky = None
         if is_dome(prim):
