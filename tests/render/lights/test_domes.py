@@ -14,6 +14,8 @@ from tests.render.rendering import picture, settings_of
 from tests.render.surface_scenes import add
 from usdsplat.core.sh import basis
 from usdsplat.kernels.devices import open_device
+from usdsplat.render.lights import light_maps
+from usdsplat.render.lights.depth_map import draw_depth_map
 from usdsplat.render.lights.dome import peak_lights, plain_sky, smooth_light, split
 from usdsplat.render.lights.sampling import samples_of
 from usdsplat.render.lights.specs import LightSpec
@@ -165,7 +167,8 @@ def test_samples_of_a_sky_share_its_light():
     np.testing.assert_array_equal(found[["x", "y", "z"]], other[["x", "y", "z"]])
     top = np.zeros((8, 16, 3), np.float32)
     top[:2] = 1.0
-    assert len(samples_of(dome(split(top)[0]), 100)) < 40
+    dark = samples_of(dome(split(top)[0]), 100)
+    np.testing.assert_array_equal(found[["x", "y", "z"]], dark[["x", "y", "z"]])
 
 
 def test_a_white_furnace_shows_nothing():
@@ -281,6 +284,34 @@ def test_edits_of_a_dome_are_drawn_and_nothing_else_is_kept():
             pairs = zip(found, before, strict=True)
             assert any(not np.array_equal(a["color"], b["color"]) for a, b in pairs)
         before = found
+
+
+def test_an_edit_of_the_light_of_a_dome_draws_no_picture_of_its_casters_again(monkeypatch):
+    """Oracle: the number of depth maps that are drawn; dark directions have none."""
+    drawn = []
+
+    def counted(rasterizer, camera, *others):
+        drawn.append(camera)
+        return draw_depth_map(rasterizer, camera, *others)
+
+    monkeypatch.setattr(light_maps, "draw_depth_map", counted)
+    scene, renderer = skied_scene(), Renderer(open_device())
+    top = np.full((64, 128, 3), 0.0, np.float32)
+    top[:32] = 1.0
+    counts = []
+    edge = np.diag([1.0, -1.0, -1.0, 1.0])
+    for light in (
+        dome(), dome(radiance=(2.0, 1.0, 0.5)), dome(split(top)[0]),
+        dome(split(top)[0], matrix=edge),
+    ):  # fmt: skip
+        scene.set_light("/sky", light)
+        list(renderer.render(scene, view_from_above(), settings_of(**OPTIONS), AOVS))
+        counts.append(len(drawn))
+    assert counts == [24] * 4
+    renderer = Renderer(open_device())
+    scene.set_light("/sky", dome(split(top)[0]))
+    list(renderer.render(scene, view_from_above(), settings_of(**OPTIONS), AOVS))
+    assert 12 <= len(drawn) - 24 < 20
 
 
 def test_the_number_of_directions_does_not_change_the_light_of_open_surfaces():

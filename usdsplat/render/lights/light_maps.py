@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -30,8 +30,11 @@ DOME_RESOLUTION = 512
 part of the sky, whose shadows have no sharp edges."""
 NO_SUMS: F32 = np.empty((0, lighting.SUMS), np.float32)
 
-Maps = OrderedDict[tuple[bytes, Rules], tuple[Any, DepthMap]]
-"""Light and its casters -> what the map depends on besides, and the map; last used last."""
+Seen = tuple[tuple[Any, ...], int, Rules]
+"""What a light sees: place or direction, kind, shadows and face of its camera; the resolution; and
+its casters. Colours are no part of it."""
+Maps = OrderedDict[Seen, tuple[Any, DepthMap]]
+"""What a light sees -> what the map depends on besides, and the map; last used last."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -107,19 +110,23 @@ class LightMaps:
             resolution = min(resolution, DOME_RESOLUTION)
         records = samples_of(light, samples)
         for record in records:
+            if light.kind == "dome" and not _shines(record):
+                continue
             one = record[None].copy()
             one["casts"] &= casts
             for camera in cameras_of(one, bounds, resolution):
-                yield self._map(camera, light, len(records))
+                yield self._map(camera, light, resolution, len(records))
 
-    def _map(self, camera: LightCamera, light: LightSpec, samples: int) -> DepthMap:
+    def _map(
+        self, camera: LightCamera, light: LightSpec, resolution: int, samples: int
+    ) -> DepthMap:
         """Return the depth map of a camera, drawn if it is not kept. Maps of a light are not kept
         if not all of them can be: the first ones would be gone when they are needed again."""
-        maps, key = self.kept, (camera.light.tobytes(), light.casters)
+        maps, key = self.kept, (_geometry(camera.light), resolution, light.casters)
         held = maps.get(key)
         if held is not None and held[0] == self.version:
             maps.move_to_end(key)
-            return held[1]
+            return replace(held[1], light=camera.light)
 
         def casts(path: str) -> bool:
             return self._casts(path, light)
@@ -149,6 +156,19 @@ class LightMaps:
             lighting.illuminate, each.light, points, normals, shapes, prims, to.linked, to.own,
             each.world_to_screen, each.views, (*each.splats, casts), each.tiles, each.depths, sums,
         )  # fmt: skip
+
+
+def _geometry(light: Any) -> tuple[Any, ...]:
+    """Return what the camera of a LIGHT record, shape (1,), depends on."""
+    record = light[0]
+    is_distant = bool(record["kind"] == lighting.DISTANT)
+    place = tuple(record[name].tobytes() for name in "xyz")
+    return (*place, is_distant, bool(record["casts"]), int(record["face"]))
+
+
+def _shines(record: Any) -> bool:
+    """Return whether a LIGHT record has any light."""
+    return any(record[name] > 0 for name in ("red", "green", "blue"))
 
 
 def by_pixel(sums: Any) -> Any:

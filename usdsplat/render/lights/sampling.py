@@ -22,7 +22,7 @@ def samples_of(light: LightSpec, count: int) -> npt.NDArray[np.void]:
 
     Their sum over any receiver approaches the light's own irradiance. A light without an extent has
     one sample. Rects and cylinders have a number that is a product. Samples of a dome are those of
-    its sky without peaks; directions are the same for all domes, and dark ones are left out.
+    its sky without peaks; directions are the same for all domes.
     """
     if light.kind == "distant":
         return _distant(light, count)
@@ -121,7 +121,7 @@ def _sky(light: LightSpec, count: int) -> npt.NDArray[np.void]:
     found["kind"] = lighting.DISTANT
     _write(found, "xyz", directions)
     _write(found, ("red", "green", "blue"), cells)
-    return found[(cells > 0).any(axis=1)]
+    return found
 
 
 def _point(light: LightSpec, linear: F64, place: F64, size: float) -> npt.NDArray[np.void]:
