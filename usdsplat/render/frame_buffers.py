@@ -231,9 +231,9 @@ class LitBuffers(BufferGroup):
     prims = Buffer(lambda height, width: (height * width,), I32)
     """Number of the prim, -1 for none, shape (h w,)."""
     sums = Buffer(lambda height, width: (height * width, lighting.SUMS), F32)
-    seen = Buffer(lambda height, width: (height * width, lighting.SUMS), F32)
-    """Light of the directions of a dome."""
     """Light with and without shadows, shape (h w, SUMS)."""
+    seen = Buffer(lambda height, width: (height * width, lighting.SUMS), F32)
+    """The same of the directions of a dome, shape (h w, SUMS)."""
     ratios = Buffer(lambda height, width: (height * width, 3), F32)
     """Their ratio, shape (h w, 3)."""
 

@@ -219,7 +219,9 @@ class RenderScene:
     @property
     def lights(self) -> tuple[LightSpec, ...]:
         """All visible lights, by path."""
-        return tuple(self.named_lights[path] for path in sorted(self.named_lights))
+        return tuple(
+            light for _, light in sorted(self.named_lights.items(), key=lambda each: each[0])
+        )
 
     @property
     def named_lights(self) -> Mapping[str, LightSpec]:

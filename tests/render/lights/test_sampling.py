@@ -150,3 +150,20 @@ def test_samples_are_turned_with_the_light():
     turned = at("rect", (1.0, 0.4), turn @ [0.3, 0.1, 1.0], turn=turn)
     expected = lit(flat, [0.1, 0, 0])
     assert lit(turned, turn @ [0.1, 0, 0], turn @ UP) == pytest.approx(expected, rel=1e-5)
+
+
+def test_the_lights_of_a_scene_are_found_once(monkeypatch):
+    """Oracle: the number of times that the visible lights are gathered; the order of their
+    paths."""
+    scene, gathered = RenderScene(), []
+    whole = RenderScene.named_lights.fget
+
+    def counted(self):
+        gathered.append(1)
+        return whole(self)
+
+    monkeypatch.setattr(RenderScene, "named_lights", property(counted))
+    for path, angle in (("/b", 2.0), ("/a", 1.0), ("/c", 3.0)):
+        scene.set_light(path, LightSpec(angle=angle))
+    assert [light.angle for light in scene.lights] == [1.0, 2.0, 3.0]
+    assert len(gathered) == 1
