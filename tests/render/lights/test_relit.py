@@ -18,6 +18,7 @@ from usdsplat.images.color import decode, encode, encode_light
 from usdsplat.kernels.devices import open_device
 from usdsplat.render.lights.captured import GREY, estimate
 from usdsplat.render.lights.dome import split
+from usdsplat.render.lights.memory import lighting_bytes
 from usdsplat.render.lights.relighting import field_gains, fit_colors
 from usdsplat.render.renderer import Renderer
 from usdsplat.render.scene import RenderScene
@@ -232,3 +233,26 @@ def test_the_estimate_of_a_capture_does_not_depend_on_its_primaries():
         found.append(estimate(cloud, space, surface).light)
     np.testing.assert_allclose(found[1], found[0], rtol=1e-4)
     np.testing.assert_allclose(found[1], light, rtol=5e-3)
+
+
+@pytest.mark.parametrize("named", [(), ("/set",), ("/set", "/lamp")])
+def test_the_memory_of_relit_splats_counts_the_light_of_photographs(named):
+    """Oracle: the sums and estimates that a renderer keeps after a picture; they are more than the
+    same splats take in shadows."""
+    scene = ball_scene(captured_lights=named)
+    scene.set_light("/sun", SUN)
+    scene.set_light("/set", replace(dome(), is_on=False))
+    scene.set_light("/lamp", replace(SUN, is_on=False))
+    found = {}
+    for mode in ("shadowed", "relit"):
+        settings = settings_of(lighting=mode, self_shadows=True, dome_samples=4)
+        renderer = Renderer(open_device())
+        list(renderer.render(scene, view_from_above(), settings, ("color",)))
+        store = renderer._idle[0].lights
+        kept = [each[1] for each in (*store.sums.values(), *store.estimates.values())]
+        bytes_kept = sum(int(np.prod(each.shape)) * 4 for each in kept)
+        found[mode] = bytes_kept, lighting_bytes(scene, settings, {"color"})
+    more_kept = found["relit"][0] - found["shadowed"][0]
+    assert more_kept >= 400 * 4 * 6
+    assert found["relit"][1][0] - found["shadowed"][1][0] >= more_kept
+    assert found["relit"][1][1] > found["shadowed"][1][1] or not named

@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Set as AbstractSet
 
 from usdsplat.kernels import lighting
+from usdsplat.render.fields import Field
 from usdsplat.render.lights.light_maps import KEPT_BYTES
-from usdsplat.render.lights.needs import is_needed, receives, with_catchers
+from usdsplat.render.lights.needs import is_needed, mode_of, receives, with_catchers
+from usdsplat.render.lights.specs import LightSpec
 from usdsplat.render.scene import RenderScene
 from usdsplat.render.settings import RenderSettings
 from usdsplat.render.specs import View
@@ -15,6 +17,8 @@ RECEIVER = 8 * 3 + 4 * (4 + 6 + 3)
 """Bytes of a splat as a receiver: place, normal, shape, gains."""
 CASTER = 300
 """Bytes of a splat in the picture of a light: records by slot and in order, ray hits, lists."""
+ESTIMATE = 8 * (9 + 9 + 3 * 5)
+"""Bytes of a splat while the light of its photographs is estimated: harmonics, colours."""
 DEPTH = 8
 """Bytes of a pixel of the picture of meshes."""
 
@@ -50,19 +54,43 @@ def lighting_bytes(
     if not is_needed(scene, settings, aovs):
         return 0, 0
     wants, count = "shadow" in aovs, len(scene.named_lights)
-    receivers = sum(
-        len(field.instances) * len(field.spec.cloud)
-        for field in scene.visible_fields()
-        if wants or receives(field.spec, settings)
-    )
+    fields = [f for f in scene.visible_fields() if wants or receives(f.spec, settings)]
+    receivers = sum(len(field.instances) * len(field.spec.cloud) for field in fields)
+    relit = [field for field in fields if mode_of(field.spec, settings) == "relit"]
+    photographed = [_captured(scene, field) for field in relit]
+    own, guessed = 0, 0
+    for field, lights in zip(relit, photographed, strict=True):
+        # sums of each light and of all of them, or of the estimate, and visible parts of domes
+        kept = max(1, len(lights) + (len(lights) > 1))
+        hides = settings.self_shadows and any(light.kind == "dome" for light in lights)
+        splats = len(field.spec.cloud)
+        own += 4 * lighting.SUMS * (kept + hides) * len(field.instances) * splats
+        guessed = max(guessed, 0 if lights else splats)
+    own += ESTIMATE * guessed
     casters = scene.draw_list(settings.splat_budget).slots
     pixels = settings.shadow_resolution**2 if scene.drawn_meshes() else 0
     one = CASTER * casters + DEPTH * pixels
+    shining = list(scene.named_lights.values())
+    if settings.self_shadows:
+        shining += [light for lights in photographed for light in lights]
+    maps = one * sum(_samples(light, settings) for light in shining)
     domes = _domes(scene)
-    samples = settings.dome_samples if domes else settings.light_samples
-    maps = count * max(1, samples) * one
     sums = 4 * lighting.SUMS * (count + 1 + bool(domes))
-    return receivers * (RECEIVER + sums), min(maps, KEPT_BYTES) + one
+    return receivers * (RECEIVER + sums) + own, min(maps, KEPT_BYTES) + one
+
+
+def _captured(scene: RenderScene, field: Field) -> list[LightSpec]:
+    """Return the lights in which a field was photographed; empty if they are estimated."""
+    found = (scene.light(path) for path in field.spec.captured_lights)
+    return [light for light in found if light is not None]
+
+
+def _samples(light: LightSpec, settings: RenderSettings) -> int:
+    """Return the number of directions or points of a light that have depth maps."""
+    if light.kind != "dome":
+        return max(1, settings.light_samples)
+    peaks = len(light.sky.peaks) if light.sky else 0
+    return settings.dome_samples + peaks * max(1, settings.light_samples)
 
 
 def _domes(scene: RenderScene) -> list[str]:
