@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import OpenImageIO as oiio
 import pytest
-from pxr import Usd, UsdGeom, UsdLux
+from pxr import Sdf, Usd, UsdGeom, UsdLux
 
 from tests.cli.test_render import SMALL
+from usdsplat import procedural_capture, schema
 
 pytestmark = pytest.mark.usefixtures("compiled")
 
@@ -66,6 +67,29 @@ def test_shadows_of_a_stage_without_lights_are_a_finding(run, shot, tmp_path):
     assert "[no-lights]" not in run("render", shot, *output)[2]
     change(shot, lambda s: UsdLux.DistantLight.Define(s, "/World/Sun"))
     assert "[no-lights]" not in run("render", shot, *output, "--lighting", "shadowed")[2]
+
+
+def test_a_light_of_photographs_inside_an_instance_is_a_finding(run, tmp_path):
+    """Oracle: one line on two instances; none on one, or without relighting."""
+    shot = tmp_path / "shot.usda"
+    stage = Usd.Stage.CreateNew(str(shot))
+    splats = schema.author(stage, "/Asset/Splats", procedural_capture(2000))
+    for path in ("/Asset/Set", "/Sun"):
+        UsdLux.DomeLight.Define(stage, path)
+    names = splats.CreateRelationship("splat:lighting:captured", custom=False)
+    names.SetTargets(["/Asset/Set"])
+    stage.GetPrimAtPath("/Asset").SetSpecifier(Sdf.SpecifierClass)
+    for name in ("A", "B"):
+        prim = UsdGeom.Xform.Define(stage, f"/World/{name}").GetPrim()
+        prim.GetInherits().AddInherit("/Asset")
+        prim.SetInstanceable(True)
+    stage.GetRootLayer().Save()
+    output = ("-o", tmp_path / "a.exr", *SMALL)
+    relit = (*output, "--lighting", "relit", "--dome-samples", "2")
+    assert run("render", shot, *relit)[2].count("[instanced-light]") == 1
+    assert "[instanced-light]" not in run("render", shot, *output)[2]
+    change(shot, lambda s: s.GetPrimAtPath("/World/B").SetActive(False))
+    assert "[instanced-light]" not in run("render", shot, *relit)[2]
 
 
 def test_a_catcher_must_be_a_prim(run, shot, tmp_path):

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import posixpath
 from collections.abc import Collection, Iterable, Iterator
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 from usdsplat.core.findings import Finding, Severity, finding
 from usdsplat.core.wording import counted, said_bytes
@@ -11,6 +12,7 @@ from usdsplat.delegate.engine import Engine
 from usdsplat.products.deep import DeepReport
 from usdsplat.products.request import PicturePlan
 from usdsplat.render.draw_list import ELEMENT_IDS
+from usdsplat.render.fields import Field
 from usdsplat.render.frame_stats import FrameStats
 from usdsplat.render.lights.needs import mode_of
 from usdsplat.render.sampling import has_lens
@@ -132,8 +134,24 @@ def shadows(engine: Engine, plan: PicturePlan) -> Iterator[Finding]:
         if mode_of(field.spec, plan.settings) == "relit" and not named:
             expected = "a light in splat:lighting:captured"
             yield finding("estimated-light", path, "no light of the photographs", expected)
+    for path, field in {path: field for path, field, _ in scene.drawn()}.items():
+        if mode_of(field.spec, plan.settings) == "relit" and scene.lights:
+            yield from _instanced_lights(path, field)
     for path, _ in scene.drawn_trees():
         yield finding("unlit-tree", path, "a splat tree", "a splat field", severity=severity)
+
+
+def _instanced_lights(path: str, field: Field) -> Iterator[Finding]:
+    """Yield a finding on each light of a field's photographs that is inside one of its native
+    instances: below what their paths have in common, and along only one of them."""
+    seen = sorted({each.path for each in field.instances})
+    shared = len(PurePosixPath(posixpath.commonpath(seen)).parts)
+    roots = {PurePosixPath(*PurePosixPath(each).parts[: shared + 1]) for each in seen}
+    for light in field.spec.captured_lights if len(seen) > 1 else ():
+        if any(PurePosixPath(light).is_relative_to(root) for root in roots):
+            expected = "a light outside of them"
+            found = f"the light {light} inside one of {counted(len(seen), 'instance')}"
+            yield finding("instanced-light", path, found, expected)
 
 
 def what_is_forced(plan: PicturePlan) -> str:

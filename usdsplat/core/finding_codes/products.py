@@ -153,6 +153,13 @@ CODES: dict[str, Code] = {
         "name it in splat:lighting:captured; usdsplat relight says how well the estimate fits",
         "the light is estimated from the colours of the splats",
     ),
+    "instanced-light": Code(
+        "warning",
+        "a field with several native instances is relit, and a light of its photographs is inside "
+        "one of them",
+        "name a light outside of the instances, or make them not instanceable",
+        "all instances have been photographed in this one light, which does not turn with them",
+    ),
     "unlit-tree": Code(
         "warning",
         "shadows are requested of a splat tree",
