@@ -17,7 +17,7 @@ import os
 import sys
 import tempfile
 import time
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -28,6 +28,7 @@ from pxr import Usd, UsdGeom
 from PySide6.QtWidgets import QApplication
 from rich.table import Table
 
+from benchmarks.leaks import Minute, growth
 from benchmarks.report import Report
 from benchmarks.scenes import garden
 from benchmarks.window_latency import SIZE, TICK, Hand, Shown, wait
@@ -53,23 +54,6 @@ LOOKS = (
 FRAMES = 24
 DRAG, COMPARED = 2.0, 1.0
 """Time of an orbit [s], and of one that compares two looks."""
-WARM = 3
-"""Minutes that are not compared."""
-MEMORY, THREADS, FILES = 0.05, 2, 4
-"""Growth that is allowed: part of the memory, threads, and open files."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Minute:
-    """State of the process after a minute."""
-
-    megabytes: float
-    threads: int
-    files: int
-    opened: int
-    """Documents that were opened so far."""
-    pictures: int
-    """Pictures that were painted in the minute."""
 
 
 def written(folder: Path, cloud: SplatCloud) -> list[Path]:
@@ -157,26 +141,6 @@ class Visitor:
         wait(is_there)
         self.pictures += len(self._shown.pictures)
         self._shown.pictures.clear()
-
-
-def growth(minutes: list[Minute]) -> list[str]:
-    """Return what has grown since the first minutes, as sentences."""
-    rest = minutes[WARM:]
-    if len(rest) < 2:
-        return [f"found {len(minutes)} minutes, expected at least {WARM + 2}"]
-    half = len(rest) // 2
-    early, late = rest[:half], rest[half:]
-    grown = []
-    for name, most in (
-        ("megabytes", MEMORY * early[0].megabytes),
-        ("threads", THREADS),
-        ("files", FILES),
-    ):
-        before = float(np.median([getattr(each, name) for each in early]))
-        after = float(np.median([getattr(each, name) for each in late]))
-        if after - before > most:
-            grown.append(f"{name}: found {after:.0f} after {before:.0f}, expected no growth")
-    return grown
 
 
 def main(report: Report) -> None:

@@ -162,6 +162,21 @@ def test_resume_keeps_what_other_machines_and_folders_made(run, shot, tmp_path, 
     assert run("render", shot, "-o", tmp_path / f"b.%d.{suffix}", *render)[:2] == (0, "")
 
 
+def test_resume_draws_again_with_another_config_of_the_environment(
+    run, shot, tmp_path, monkeypatch
+):
+    """Oracle: the sentence, where a view is used, and only there; by hand."""
+    view = ("--color-mode", "display", "--display", "sRGB - Display")
+    for flags, told in ((view, MADE), ((), "nothing to do")):
+        name = tmp_path / f"{len(flags)}.png"
+        render = ("render", shot, "-o", name, "--frames", 1, *SMALL, "--resume", *flags)
+        monkeypatch.delenv("OCIO", raising=False)
+        assert name.name in run(*render)[1]
+        monkeypatch.setenv("OCIO", "ocio://studio-config-v2.1.0_aces-v1.3_ocio-v2.3")
+        status, _, err = run(*render)
+        assert status == 0 and told in err
+
+
 def test_resume_draws_again_if_a_holdout_was_written_again(run, shot, tmp_path):
     """Oracle: the names that are printed. Another name of the holdout is none of the picture's."""
     held, moved = tmp_path / "held.exr", tmp_path / "moved.exr"

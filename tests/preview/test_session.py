@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import gc
 import threading
+import weakref
 from dataclasses import replace
 
 import numba
@@ -290,18 +292,26 @@ def test_closing_while_drawing_waits_for_the_picture_and_releases(heard, monkeyp
 
 
 def test_a_closed_session_returns_the_memory_of_its_document(heard, monkeypatch):
-    """Oracle: the order of calls: what is freed by closing is returned after it."""
-    called = []
+    """Oracle: the document is closed, and nothing refers to it any more, when freed memory is
+    returned."""
+    called, made = [], []
     close = Document.close
     monkeypatch.setattr(Document, "close", lambda self: (close(self), called.append("close")))
     monkeypatch.setattr(
-        "usdsplat.preview.session.return_freed_memory", lambda: called.append("return")
+        "usdsplat.preview.session.return_freed_memory",
+        lambda: (gc.collect(), called.append(made[0]())),
     )
-    session = Session(lambda publish: Document(animated(), publish=publish))
+
+    def opened(publish):
+        document = Document(animated(), publish=publish)
+        made.append(weakref.ref(document))
+        return document
+
+    session = Session(opened)
     session.listen(heard)
     heard.wait(lambda event: isinstance(event, Opened))
     session.close(SOON)
-    assert called == ["close", "return"]
+    assert called == ["close", None]
 
 
 def test_a_listener_that_stopped_hears_nothing(heard):

@@ -44,7 +44,6 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, replace
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from usdsplat import images
@@ -152,7 +151,7 @@ def _draw_options(options: Options) -> DrawOptions:
     Raises:
         UsageError: If one is wrong.
     """
-    from usdsplat.interchange.files import capture_files, chunk_files
+    from usdsplat.interchange.files import read_whole
     from usdsplat.products.preparing import DrawOptions
     from usdsplat.products.tiles import TileStep, Tiling
 
@@ -165,7 +164,7 @@ def _draw_options(options: Options) -> DrawOptions:
     if options.tile is not None and options.job.is_asked:
         raise UsageError("--tile", options.tile, "no --jobs, --dask or --openjd")
     tiling = None if options.tiles is None else Tiling.parse(options.tiles)
-    chunks = chunk_files(options.stage)
+    files, chunks = read_whole(options.stage)
     opened = options.stage_opening
     return DrawOptions(
         existing="resume" if options.resume else "replace",
@@ -173,10 +172,10 @@ def _draw_options(options: Options) -> DrawOptions:
         tile=None
         if tiling is None
         else TileStep.parse(tiling, options.tile or "join", keeps=options.keep_tiles),
-        files=tuple(Path(p) for p in capture_files(options.stage) if p not in chunks),
-        chunks=tuple(map(Path, chunks)),
+        files=files,
+        chunks=chunks,
         opening=(
-            *map(repr, (opened.variant, opened.mute, opened.mask)),
+            *map(repr, (opened.variant, sorted(opened.mute), sorted(opened.mask))),
             options.axes or "auto",
         ),
         fitted=() if options.fit_frames is None else parse_frames(options.fit_frames),

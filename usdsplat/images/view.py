@@ -157,6 +157,15 @@ class ViewTransform:
         )
 
 
+def config_in_effect(config: str) -> str:
+    """Return the config that OCIO reads: a file or an ocio:// name.
+
+    Args:
+        config: The one that is asked for; "" for that of the environment, or the built-in one.
+    """
+    return config or os.environ.get("OCIO") or BUILT_IN
+
+
 def open_view(
     *,
     config: str = "",
@@ -181,7 +190,7 @@ def open_view(
         return ViewTransform(working_space=working_space)
     import OpenImageIO as oiio
 
-    name = readable(config or os.environ.get("OCIO") or BUILT_IN)
+    name = readable(config_in_effect(config))
     known = oiio.ColorConfig(name)
     if problem := known.geterror() or oiio.geterror():
         expected = f"a file or an ocio:// name that OCIO can read ({problem.splitlines()[0]})"

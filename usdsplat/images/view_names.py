@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import functools
-import os
 from dataclasses import dataclass
 
 from usdsplat.core.readable import readable
-from usdsplat.images.view import BUILT_IN
+from usdsplat.images.view import config_in_effect
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -28,7 +27,7 @@ def view_names(config: str = "", display: str = "") -> ViewNames:
         display: The display whose views are listed; "" for the config's first.
     """
     try:
-        return _read(readable(config or os.environ.get("OCIO") or BUILT_IN), display)
+        return _read(readable(config_in_effect(config)), display)
     except OSError:
         return ViewNames()
 

@@ -121,12 +121,14 @@ def capture_files(path: Path) -> tuple[str, ...]:
     return tuple(map(str, files))
 
 
-def chunk_files(path: Path) -> tuple[str, ...]:
-    """Return those of `capture_files` that are read only where they are seen: the chunks of a
-    streamed SOG."""
+def read_whole(path: Path) -> tuple[tuple[Path, ...], tuple[Path, ...]]:
+    """Return those of `capture_files` that are read as a whole, and those that are read only where
+    they are seen: the chunks of a streamed SOG."""
+    files = tuple(map(Path, capture_files(path)))
     if path.name.lower() != "lod-meta.json":
-        return ()
-    return tuple(each for each in capture_files(path) if Path(each).name != path.name)
+        return files, ()
+    whole = tuple(each for each in files if each.name == path.name)
+    return whole, tuple(each for each in files if each.name != path.name)
 
 
 def check_not_input(target: Path, inputs: Iterable[Path]) -> None:

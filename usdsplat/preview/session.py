@@ -214,6 +214,7 @@ class Session:
         self._has_failed = True
         if document is not None:
             document.close()
+            del document  # with its stage, which may hold a capture
             return_freed_memory()
 
     def _do(

@@ -5,7 +5,8 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Sequence
-from functools import lru_cache
+
+from usdsplat.core.file_hash import file_hash
 
 
 def source_hash(files: Sequence[str], clips: Sequence[str] = ()) -> str:
@@ -21,27 +22,14 @@ def source_hash(files: Sequence[str], clips: Sequence[str] = ()) -> str:
             is too large to be read for each picture.
     """
     try:
-        contents = [_digest(path, *_version(path)) for path in files]
+        contents = [file_hash(path) for path in files]
         digests = sorted([*contents, *map(_name_and_size, clips)])
     except OSError:
         return ""
     return hashlib.sha256("".join(digests).encode()).hexdigest() if digests else ""
 
 
-def _version(path: str) -> tuple[int, int]:
-    """Return what changes when a file is written: its size and its time."""
-    status = os.stat(path)
-    return status.st_size, status.st_mtime_ns
-
-
 def _name_and_size(path: str) -> str:
     """Return the SHA-256 of the name of a file and its size."""
     text = f"{os.path.basename(path)}\n{os.stat(path).st_size}"
     return hashlib.sha256(text.encode(errors="surrogateescape")).hexdigest()
-
-
-@lru_cache(maxsize=4096)
-def _digest(path: str, _size: int, _time: int) -> str:
-    """Return the SHA-256 of a file's content. The version is only part of the cache's key."""
-    with open(path, "rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()

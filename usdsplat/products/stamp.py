@@ -9,6 +9,7 @@ from pathlib import Path
 
 from usdsplat import __version__
 from usdsplat.images.frame_numbers import frame_path
+from usdsplat.images.view import config_in_effect
 from usdsplat.products.request import NO_NAME, PicturePlan
 from usdsplat.products.source_hash import source_hash
 
@@ -33,21 +34,32 @@ def picture_stamp(
         opening: How the stage was opened, see `DrawOptions.opening`.
         fitted: Frames that the camera of a picture without one frames.
     """
-    config = plan.settings.ocio_config
+    shown = plan.settings
+    config = shown.ocio_config
+    if any((config, shown.ocio_display, shown.ocio_view, shown.ocio_look)):
+        config = config_in_effect(config)
     read = [str(frame_path(plan.holdout, frame))] if plan.holdout else []
     if Path(config).is_file():
         read.append(config)
         config = ""
-    rank = plan.settings.crypto_rank
+    rank = shown.crypto_rank
     settings = replace(
-        plan.settings,
+        shown,
         ocio_config=config,
         background="",  # the plan has its colour
         node_memory=0,
         node_lifetime=0.0,
         crypto_rank=rank + rank % 2,  # what layers of two pairs hold
     )
-    made = replace(plan, output=NO_NAME, holdout=None, compare=True, findings=(), settings=settings)
+    made = replace(
+        plan,
+        output=NO_NAME,
+        purposes=tuple(sorted(plan.purposes)),
+        holdout=None,
+        compare=True,
+        findings=(),
+        settings=settings,
+    )
     framed = tuple(map(float, fitted)) if plan.camera is None else ()
     values = [__version__, repr(made), repr(float(frame)), repr(framed), source, *opening]
     values += [source_hash([path]) for path in read]

@@ -50,14 +50,15 @@ class Placed:
         """Give every instance of any sample a row."""
         names = dict.fromkeys((each.path, each.index) for some in instances for each in some)
         rows = {name: row for row, name in enumerate(names)}
-        placings = []
+        made: dict[int, Placing] = {}  # samples through other points of a lens share theirs
         for some in instances:
-            matrices = np.full((len(rows), 4, 4), np.nan)
-            matrices[[rows[each.path, each.index] for each in some]] = np.reshape(
-                [each.transform for each in some], (-1, 4, 4)
-            )
-            placings.append(Placing(matrices))
-        return cls(instances, rows, tuple(placings))
+            if id(some) not in made:
+                matrices = np.full((len(rows), 4, 4), np.nan)
+                matrices[[rows[each.path, each.index] for each in some]] = np.reshape(
+                    [each.transform for each in some], (-1, 4, 4)
+                )
+                made[id(some)] = Placing(matrices)
+        return cls(instances, rows, tuple(made[id(some)] for some in instances))
 
     def is_of(self, instances: tuple[tuple[InstanceSpec, ...], ...]) -> bool:
         """Return whether these are the same objects."""

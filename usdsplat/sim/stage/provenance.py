@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import hashlib
 import importlib.metadata
 import math
@@ -19,6 +18,7 @@ from pxr import Sdf, Usd, Vt
 
 from usdsplat import __version__
 from usdsplat.core.errors import FormatError, StageError
+from usdsplat.core.file_hash import file_hash
 from usdsplat.core.progress import phase
 from usdsplat.schema.value_clips import clip_files, file_of, layers_without_clips
 from usdsplat.sim.parameters import NAMESPACE
@@ -283,15 +283,7 @@ def _content(path: str) -> str:
     file = Path(file_of(path))
     if not path or not file.is_file():
         return ""
-    status = file.stat()
-    return _digest(file, status.st_size, status.st_mtime_ns)
-
-
-@functools.lru_cache(maxsize=256)
-def _digest(file: Path, _size: int, _time: int) -> str:
-    """Return the SHA-256 of a file. Its size and time are only part of the cache's key."""
-    with file.open("rb") as opened:
-        return hashlib.file_digest(opened, "sha256").hexdigest()
+    return file_hash(str(file))
 
 
 def _plain(value: Any) -> Any:

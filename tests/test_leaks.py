@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from benchmarks.soak import WARM, Minute, growth
+from benchmarks.leaks import WARM, Minute, growth
 
 
 def minute(megabytes: float, *, threads: int = 9, files: int = 9) -> Minute:
