@@ -5,7 +5,7 @@ from __future__ import annotations
 from pxr import Usd
 
 from usdsplat.core.cloud import SplatCloud
-from usdsplat.schema import packed, packing, proxy, stock, tokens
+from usdsplat.schema import packed, packing, proxy, stock
 from usdsplat.schema.field import form_of
 
 
@@ -31,7 +31,5 @@ def author_radiance(
         stock.author_harmonics(over, cloud, half=form == "half", code=code)
         return
     packed.author_appearance(over, packing.pack(cloud), code=code)
-    relationship = field.GetRelationship(tokens.PROXY_PRIM)
-    for path in relationship.GetTargets() if relationship else ():
-        if field.GetStage().GetPrimAtPath(path):
-            proxy.author_colors(stage.OverridePrim(path), cloud, code=code)
+    for points in proxy.existing(field):
+        proxy.author_colors(stage.OverridePrim(points.GetPath()), cloud, code=code)
