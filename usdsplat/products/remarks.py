@@ -130,10 +130,15 @@ def shadows(engine: Engine, plan: PicturePlan) -> Iterator[Finding]:
     for path, field, _ in scene.drawn() if scene.lights else ():
         named = any(scene.light(each) for each in field.spec.captured_lights)
         if mode_of(field.spec, plan.settings) == "relit" and not named:
-            expected = "a light in splat:lighting:captured"
-            yield finding("estimated-light", path, "no light of the photographs", expected)
+            yield estimated_light(path)
     for path, _ in scene.drawn_trees():
         yield finding("unlit-tree", path, "a splat tree", "a splat field", severity=severity)
+
+
+def estimated_light(path: str) -> Finding:
+    """Return the finding on a field that is relit out of an estimated light."""
+    expected = "a light in splat:lighting:captured"
+    return finding("estimated-light", path, "no light of the photographs", expected)
 
 
 def what_is_forced(plan: PicturePlan) -> str:
