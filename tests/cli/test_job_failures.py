@@ -14,6 +14,7 @@ import subprocess
 import sys
 import time
 from contextlib import ExitStack, contextmanager, suppress
+from itertools import islice
 from pathlib import Path
 
 import pytest
@@ -394,17 +395,24 @@ def test_a_resource_that_is_gone_with_its_worker_ends_the_command(
     )
 
 
-def test_a_worker_of_another_version_that_joins_later_does_no_task(cluster, run, shot, tmp_path):
-    """Oracle: the sentence. The worker says at the beginning that it has our version, as one does
-    that joins when nobody asks any more."""
-    preload = tmp_path / "older.py"
-    preload.write_text("import usdsplat.cli.worker as worker\nworker.__version__ = '0.1'\n")
-    cluster.start("--preload", preload)
-    words = ("render", shot, "-o", tmp_path / "job" / "a.####.exr", *FLAGS, "--chunk", "4")
-    status, _, err = run(*words, "--dask", cluster.address())
-    assert status == 2 and f"worker: found usdsplat 0.1, expected {__version__}\n" in err
-    assert "found 1 of 1 task that failed" in err
-    assert not (tmp_path / "job").exists()
+def test_workers_that_join_without_our_version_do_no_task(cluster, shot, tmp_path, alone, gate):
+    """Oracle: as above: the good worker draws all pictures, and a sentence names each other one."""
+    cluster.start("--preload", gate.with_name("waits") / "waiting.py")
+    preloads = {"older": "import usdsplat.jobs.dask_cluster as a\na.__version__ = '0.1'\n"}
+    preloads["none"] = "import sys\nsys.modules['usdsplat'] = None\n"
+    out = tmp_path / "job" / "a.####.exr"
+    how = ("--chunk", "1", "--retries", "0", "--dask", cluster.address())
+    with begun("render", shot, "-o", out, *FLAGS, *how) as client:
+        assert client.stdout.readline().startswith(str(out.parent))
+        for name, text in preloads.items():
+            (tmp_path / f"{name}.py").write_text(text)
+            cluster.start("--preload", tmp_path / f"{name}.py")
+        told = list(islice((line for line in client.stderr if "it gets no task" in line), 2))
+        gate.touch()
+        assert ended(client) == (0, [])
+    assert f"expected usdsplat {__version__}; it gets no task" in "".join(told)
+    assert "found a worker without usdsplat, tcp://127.0.0.1:" in "".join(told)
+    assert pictures(out.parent) == alone
 
 
 @pytest.mark.slow

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -13,6 +14,8 @@ import pytest
 from pxr import Usd
 
 from tests.products.test_tiles import content
+from usdsplat.core import interrupt
+from usdsplat.jobs.local import LocalWorkers
 from usdsplat.kernels.cuda import support
 
 pytestmark = pytest.mark.usefixtures("compiled")
@@ -78,6 +81,23 @@ def test_strict_jobs_write_nothing(run, shot, tmp_path):
     words = ("render", shot, "-o", tmp_path / "a.##.exr", "--frames", "1-2", *CPU, "--strict")
     assert run(*words, "--resolution", "8x8", "--jobs", "2")[0] == 1
     assert not list(tmp_path.glob("*.exr"))
+
+
+def test_what_is_written_is_told_after_an_interruption(run, shot, tmp_path, monkeypatch):
+    """Oracle: the names of the written files. A task that is interrupted has told of none."""
+
+    def interrupted(self, job, **options):
+        (tmp_path / "a.0001.exr").write_bytes(b"drawn")
+        yield from ()
+        raise interrupt.Interrupted(signal.SIGINT)
+
+    monkeypatch.setattr(LocalWorkers, "run", interrupted)
+    words = ("render", shot, "-o", tmp_path / "a.####.exr", *FLAGS, *CPU, "--jobs", "1")
+    status, out, _ = run(*words)
+    assert (status, out) == (130, f"{tmp_path / 'a.0001.exr'}\n")
+    (tmp_path / "a.0001.exr").unlink()
+    status, out, _ = run(*words, "--json")
+    assert (status, out) == (130, "")
 
 
 @pytest.mark.parametrize(

@@ -13,6 +13,7 @@ import pytest
 from pxr import Usd
 
 from tests.cli.conftest import passing_sphere
+from usdsplat.cli.job_options import JobRunner
 from usdsplat.sim.stage import provenance
 from usdsplat.sim.stage.authoring import author
 
@@ -140,6 +141,35 @@ def test_a_bake_is_not_replaced_unasked(run, run_json, pushed, tmp_path):
     inside = tmp_path / "b.usda" / "c.usda"
     status, _, err = run("simulate", pushed, "-o", inside, *FRAMES, "--jobs", "1")
     assert status == 2 and "found a file, " in err and "tried again" not in err
+
+
+@pytest.mark.parametrize(
+    ("flags", "sentence"),
+    [
+        (("--force",), "--force: found --force with a job, expected --resume, or a new name"),
+        (("--sheet-frame", "2"), "--sheet-frame: found 2 without --wedge, expected both"),
+        (("--session-layer", "away.usda"), "away.usda: found no such file, expected a USD file"),
+        (("-o", "there.usda"), "there.usda: found a file, expected a new name, or --resume"),
+        (("-o", "there.usda/b.usda"), "found a file, there.usda, expected a place where"),
+    ],
+    ids=str,
+)
+def test_no_process_starts_for_an_order_that_is_wrong(
+    run, pushed, tmp_path, monkeypatch, flags, sentence
+):
+    """Oracle: the sentences; what starts the processes is not entered."""
+
+    def started(self):
+        raise AssertionError
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(JobRunner, "__enter__", started)
+    (tmp_path / "there.usda").touch()
+    output = () if "-o" in flags else ("-o", "b.usda")
+    status, _, err = run("simulate", pushed, *output, *FRAMES, "--jobs", "1", *flags)
+    assert status == 2 and sentence in err
+    status, _, err = run("simulate", "away.usd", "-o", "b.usda", *FRAMES, "--jobs", "1")
+    assert status == 2 and "away.usd: found no such file, expected a USD file" in err
 
 
 @pytest.mark.parametrize("number", [1, 2])

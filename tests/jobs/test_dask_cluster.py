@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import time
+import uuid
 from types import SimpleNamespace
 
 import pytest
 
+from usdsplat import __version__
 from usdsplat.core.errors import BackendError
+from usdsplat.jobs import dask_cluster
 from usdsplat.jobs.dask_cluster import DaskWorkers, TaskFailed, _result
 from usdsplat.jobs.frames import render_job
+from usdsplat.jobs.job import Job, Parameter, Step
 
 GIB = 1 << 30
 
@@ -100,3 +105,113 @@ def test_each_kind_of_failure_is_one_sentence_with_its_machine(status):
             result(TimeoutError())
         with pytest.raises(OSError, match="no scheduler"):
             result(OSError("no scheduler"))
+
+
+class Cluster:
+    """A scheduler and workers in this process; names of workers begin with their version."""
+
+    def __init__(self, monkeypatch):
+        distributed = pytest.importorskip("distributed")
+        monkeypatch.setattr(dask_cluster, "ROUND", 0.05)
+        monkeypatch.setattr(dask_cluster, "DESERTED", 0.3)
+        monkeypatch.setattr(dask_cluster, "_described", described)
+        self._local = {"host": "127.0.0.1", "dashboard_address": "127.0.0.1:0"}
+        server = {"cls": distributed.Scheduler, "options": {**self._local, "port": 0}}
+        self._made = distributed.SpecCluster(scheduler=server, silence_logs=50)
+        self._worker, self._all = distributed.Worker, []
+        self.address = self._made.scheduler_address
+
+    def start(self, version=__version__, **options):
+        """Let a worker join."""
+
+        async def started():
+            name = f"{version} {uuid.uuid4().hex}"  # each is unique
+            place = {**self._local, "name": name, "nthreads": 1}
+            return await self._worker(self.address, **place, **options)
+
+        self._all.append(self._made.sync(started))
+        return self._all[-1]
+
+    def end(self, worker):
+        """Let a worker leave."""
+        self._all.remove(worker)
+        self._made.sync(worker.close)
+
+    def close(self):
+        for worker in list(self._all):
+            self.end(worker)
+        self._made.close()
+
+
+def described(dask_worker):
+    """What a worker tells, or raises without the package."""
+    version = dask_worker.name.split()[0]
+    if version == "none":
+        raise ModuleNotFoundError("No module named 'usdsplat'")
+    return version, dict(dask_worker.state.total_resources)
+
+
+@pytest.fixture
+def cluster(monkeypatch):
+    made = Cluster(monkeypatch)
+    yield made
+    made.close()
+
+
+def run_task(words, folder, *before):
+    """Take a moment; fail at once where the version is another one."""
+    distributed = pytest.importorskip("distributed")
+    worker = distributed.get_worker()
+    if worker.name.split()[0] != __version__:
+        raise TaskFailed(words, 2, "another version", worker.address)
+    time.sleep(0.1)
+    return {"status": 0, "host": worker.address}
+
+
+def tasks(name, count, **options):
+    values = tuple(map(str, range(count)))
+    return Step(name=name, command=(name,), space=(Parameter(name="n", values=values),), **options)
+
+
+@pytest.mark.parametrize("version", ["0.1", "none"])
+def test_a_worker_that_joins_with_another_version_gets_no_task(cluster, version):
+    """Oracle: all tasks are done, by the good worker; the other one, which is always idle, would
+    fail each. One sentence names it."""
+    good, told = cluster.start(), []
+    with DaskWorkers(cluster.address, [], run_task) as workers:
+        bad = cluster.start(version)
+        job = Job(name="a", steps=(tasks("draw", 10),))
+        ended = list(workers.run(job, retries=0, say=told.append))
+    assert len(ended) == 10 and all(each.is_done for each in ended)
+    assert {each.result.host for each in ended} == {good.address}
+    (sentence,) = told
+    assert bad.address in sentence and sentence.endswith("; it gets no task")
+
+
+def test_workers_that_join_later_do_tasks(cluster):
+    """Oracle: all tasks are done, though the only worker of the beginning leaves."""
+    first = cluster.start()
+    with DaskWorkers(cluster.address, [], run_task) as workers:
+        running = workers.run(Job(name="a", steps=(tasks("draw", 6),)), retries=0)
+        ended = [next(running)]
+        cluster.end(first)
+        second = cluster.start()
+        ended += running
+    assert len(ended) == 6 and all(each.is_done for each in ended)
+    assert ended[-1].result.host == second.address
+
+
+def test_a_job_goes_on_while_workers_are_at_other_tasks(cluster):
+    """Oracle: all tasks are done: the worker of some left, and is replaced after more than the time
+    in which a job without any work is given up."""
+    cluster.start()
+    gpu = cluster.start(resources={"GPU": 1})
+    steps = (tasks("draw", 40), tasks("join", 4, uses_gpu=True))
+    with DaskWorkers(cluster.address, [], run_task) as workers:
+        running = workers.run(Job(name="a", steps=steps), retries=0)
+        ended = [next(running)]
+        cluster.end(gpu)
+        ended += (next(running) for _ in range(15))
+        cluster.start(resources={"GPU": 1})
+        ended += running
+    assert len(ended) == 44 and all(each.is_done for each in ended)

@@ -267,10 +267,6 @@ class JobRunner:
         return not uses_gpus and forking.prepared(modules)
 
     def _outcomes(self, job: Job) -> Iterator[Outcome]:
-        from usdsplat.jobs.local import LocalWorkers
-
         assert self._workers is not None  # the caller writes a bundle for a farm
-        if isinstance(self._workers, LocalWorkers):
-            say = self._reporter.remark
-            return self._workers.run(job, retries=self._options.retries, say=say)
-        return self._workers.run(job, retries=self._options.retries)
+        say = self._reporter.remark
+        return self._workers.run(job, retries=self._options.retries, say=say)

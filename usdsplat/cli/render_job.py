@@ -94,7 +94,7 @@ def run_as_job(
             for picture in printed["pictures"]:
                 if not picture["path"].endswith(TILE_SUFFIX):
                     finish(picture)
-    except UsdSplatError:
+    except (UsdSplatError, KeyboardInterrupt):
         finish_others()
         raise
     finish_others()

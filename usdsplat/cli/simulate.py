@@ -41,7 +41,7 @@ from typing import TYPE_CHECKING
 from usdsplat.cli import console
 from usdsplat.cli.job_options import check_jobs, resumed
 from usdsplat.cli.reporting import Reporter
-from usdsplat.cli.simulate_job import run_tasks, runner_of, write_bundle
+from usdsplat.cli.simulate_job import check_order, run_tasks, runner_of, write_bundle
 from usdsplat.cli.simulate_options import BakeOrder, Options
 from usdsplat.core import interrupt
 from usdsplat.core.errors import UsageError
@@ -128,7 +128,9 @@ def _bake(options: Options, source: Path, target: Path, reporter: Reporter) -> i
     for name, given in _preset_options(options).items():
         if given is not None:
             raise UsageError(f"--{name}", f"{given!r} without --preset", "--preset with it")
+    _check_wedge(options)
     if options.job.is_asked:
+        check_order(options, source, target)
         with runner_of(options, reporter) as runner:
             order = _ordered(options, source, target, reporter)
             if options.job.openjd is not None:
@@ -164,7 +166,6 @@ def _ordered(options: Options, source: Path, target: Path, reporter: Reporter) -
     for text in (*_tree_overrides(options, stage), *options.overrides):
         override(stage, text)
     frames = _frames(options, stage)
-    _check_wedge(options)
     return BakeOrder(options=options, stage=stage, target=target, frames=frames)
 
 

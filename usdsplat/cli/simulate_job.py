@@ -22,6 +22,33 @@ BAKING = ("usdsplat.cli.stages", "usdsplat.products.wedge", "usdsplat.sim.stage.
 """Modules that tasks which bake need."""
 
 
+def check_order(options: Options, source: Path, target: Path) -> None:
+    """Raise an error for what cannot be a job, before its processes start.
+
+    Args:
+        options: The options of the command.
+        source: File of the stage.
+        target: File of the bake.
+
+    Raises:
+        UsageError: If an option does not work with a job.
+        StageError: If there is no stage, or no session layer.
+        OutputError: If a file exists, or nothing can be written there.
+    """
+    from usdsplat.interchange.files import check_layer_file
+
+    if options.force:  # tasks may be repeated, and would begin anew what others have done
+        raise UsageError("--force", "--force with a job", "--resume, or a new name")
+    for file in (source, options.stage_opening.session_layer):
+        if file is not None:
+            check_layer_file(file)
+    if options.job.openjd is not None:  # the bakes lie elsewhere
+        return
+    check_folder(target.parent)
+    if not options.wedge and target.exists() and not options.resume:
+        raise OutputError(str(target), "a file", "a new name, or --resume")
+
+
 def runner_of(options: Options, reporter: Reporter) -> JobRunner:
     """Return what runs the tasks of a command. It can fork its processes until a stage is open.
 
@@ -39,14 +66,11 @@ def run_tasks(order: BakeOrder, runner: JobRunner) -> None:
     """Bake by tasks. What is left, such as the contact sheet, is done with --resume.
 
     Raises:
-        UsageError: If an option does not work with a job.
-        OutputError: If a file exists, or nothing can be written there.
+        UsageError: If the wedge is wrong.
+        OutputError: If a bake of the wedge exists.
         JobError: If a task fails.
     """
     options, bakes = order.options, _bakes(order)
-    check_folder(order.target.parent)
-    if bakes is None and order.target.exists() and not options.resume:
-        raise OutputError(str(order.target), "a file", "a new name, or --resume")
     task = replace(_task(options), json=True, reporting=of_task(options.reporting))
     for _ in runner.run(_job(order, task, bakes)):
         pass
@@ -95,12 +119,10 @@ def write_bundle(order: BakeOrder, source: Path, folder: Path, reporter: Reporte
 
 
 def _bakes(order: BakeOrder) -> int | None:
-    """Check the options, and return the number of bakes of a wedge; None without one."""
+    """Check the wedge, and return the number of its bakes; None without one."""
     from usdsplat.products.wedge import parse_axes, planned
 
     options = order.options
-    if options.force:  # tasks may be repeated, and would begin anew what others have done
-        raise UsageError("--force", "--force with a job", "--resume, or a new name")
     if not options.wedge:
         return None
     how = order.wedge

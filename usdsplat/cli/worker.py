@@ -28,7 +28,6 @@ from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
-from usdsplat import __version__
 from usdsplat.cli import console, forking
 from usdsplat.cli.reporting import Reporter
 from usdsplat.core import interrupt
@@ -94,20 +93,16 @@ def carried_out(words: Sequence[str], keeper: EngineKeeper) -> TaskResult:
     return TaskResult(status=status, out=out.getvalue(), err=err.getvalue())
 
 
-def run_on_dask_worker(
-    words: Sequence[str], folder: str, version: str, *before: object
-) -> dict[str, Any]:
+def run_on_dask_worker(words: Sequence[str], folder: str, *before: object) -> dict[str, Any]:
     """Run a command on a worker of Dask, which keeps its stage open, and return the result.
 
     Args:
         words: The command line without the name of the program.
         folder: Folder in which relative paths of the command line lie.
-        version: Version of usdsplat that sends the task. Workers that join a cluster later were
-            not asked for theirs.
         before: Results of the tasks that had to be done before.
 
     Raises:
-        TaskFailed: If the command fails, or this is another version.
+        TaskFailed: If the command fails.
     """
     from distributed import get_worker
 
@@ -116,9 +111,6 @@ def run_on_dask_worker(
 
     worker = get_worker()
     host = f"{platform.node()} ({worker.address})"
-    if version != __version__:
-        reason = f"worker: found usdsplat {__version__}, expected {version}"
-        raise TaskFailed(tuple(words), 2, reason, host)
     with ONE_AT_A_TIME:
         try:
             os.chdir(folder)

@@ -58,13 +58,7 @@ def open_layer(path: Path, *, anonymous: bool = False) -> Sdf.Layer:
     Raises:
         StageError: If USD cannot read it.
     """
-    if path.is_dir():
-        raise StageError(str(path), "a directory", "a USD file")
-    if not path.is_file():
-        raise StageError(str(path), "no such file", "a USD file")
-    if path.name.lower().endswith(formats.suffixes_read()):
-        expected = "a USD file; usdsplat convert makes one"
-        raise StageError(str(path), "a capture", expected)
+    check_layer_file(path)
     found = ""
     try:
         layer = (Sdf.Layer.OpenAsAnonymous if anonymous else Sdf.Layer.FindOrOpen)(readable(path))
@@ -73,6 +67,21 @@ def open_layer(path: Path, *, anonymous: bool = False) -> Sdf.Layer:
     if not layer:
         raise StageError(str(path), found or "nothing that USD can read", "a USD file")
     return layer
+
+
+def check_layer_file(path: Path) -> None:
+    """Raise an error for what cannot be the file of a layer, without opening it.
+
+    Raises:
+        StageError: If there is no file, or it is a capture.
+    """
+    if path.is_dir():
+        raise StageError(str(path), "a directory", "a USD file")
+    if not path.is_file():
+        raise StageError(str(path), "no such file", "a USD file")
+    if path.name.lower().endswith(formats.suffixes_read()):
+        expected = "a USD file; usdsplat convert makes one"
+        raise StageError(str(path), "a capture", expected)
 
 
 def save(layer: Sdf.Layer, target: Path) -> None:

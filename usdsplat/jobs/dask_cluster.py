@@ -1,8 +1,9 @@
 """Run a job with Dask: on a cluster of this process, or on a scheduler at an address.
 
-Tasks are sent as words of a command line, the folder in which they are to be read, our version, and
-the reference to a function; nothing else is pickled. Dask repeats tasks whose workers die, as often
-as its setting `distributed.scheduler.allowed-failures` says. Tasks of a client that dies are
+Tasks are sent as words of a command line, the folder in which they are to be read, and the
+reference to a function; nothing else is pickled. They go only to workers that were found to have
+our version, which declare the resource OURS then. Dask repeats tasks whose workers die, as often as
+its setting `distributed.scheduler.allowed-failures` says. Tasks of a client that dies are
 cancelled.
 
 Source: the documentation of `distributed`.
@@ -24,7 +25,7 @@ from usdsplat.core.errors import BackendError, UsageError
 from usdsplat.jobs.dask_local import LocalCluster
 from usdsplat.jobs.job import Job, Task
 from usdsplat.jobs.local import Fork
-from usdsplat.jobs.outcome import Outcome, TaskResult
+from usdsplat.jobs.outcome import Outcome, Say, TaskResult
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -34,12 +35,14 @@ INSTALL = "pip install 'usdsplat[farm]'"
 PATIENCE = 15.0
 """Time to wait for a scheduler and a worker [s]."""
 DESERTED = 60.0
-"""Time after which a cluster without workers that meet the needs of all tasks is given up [s]:
-others may be started meanwhile."""
+"""Time after which a job is given up none of whose tasks runs, while no worker meets the needs of
+one that is left [s]: others may be started meanwhile."""
 BEAT = 0.2
 """Time between looks at signals [s]."""
 ROUND = 5.0
 """Time between looks at the workers [s]."""
+OURS = f"usdsplat {__version__}"
+"""Resource of workers with our version, which each task takes: they do one at a time."""
 GPU, MEMORY = "GPU", "MEMORY"
 """Resources that workers may declare: a number of GPUs, and bytes. Tasks that need them are sent to
 workers that have them, as soon as one worker declares them."""
@@ -48,9 +51,9 @@ Needs = Mapping[str, float]
 """Resource -> amount that a task takes of it."""
 
 RunTask = Callable[..., dict[str, Any]]
-"""Function that a worker calls with the words of a task, the folder in which they are read and the
-version of usdsplat that sends it, and with the results of the tasks before it. It returns the
-fields of a `TaskResult`, or raises a `TaskFailed`."""
+"""Function that a worker calls with the words of a task, the folder in which they are read, and
+the results of the tasks before it. It returns the fields of a `TaskResult`, or raises a
+`TaskFailed`."""
 
 
 class TaskFailed(Exception):
@@ -94,7 +97,8 @@ class DaskWorkers:
         self._local: LocalCluster | None = None
         self._where = f"--dask {address}"
         self._stack = ExitStack()
-        self._resources: list[Mapping[str, float]] = []
+        self._resources: list[Needs] = []
+        self._refused: set[str] = set()
 
     def __enter__(self) -> Self:
         """Connect to the cluster.
@@ -104,7 +108,7 @@ class DaskWorkers:
         """
         with ExitStack() as stack:
             self._client = self._connected(stack)
-            self._resources = _checked_workers(self._client, self._where)
+            self._resources = self._checked()
             self._stack = stack.pop_all()
         return self
 
@@ -115,13 +119,14 @@ class DaskWorkers:
         """Return the number of workers that were there at the beginning."""
         return len(self._resources)
 
-    def run(self, job: Job, *, retries: int) -> Iterator[Outcome]:
+    def run(self, job: Job, *, retries: int, say: Say = lambda text: None) -> Iterator[Outcome]:
         """Run a job, and yield each task when it has ended. Closing the iterator cancels the
         others.
 
         Args:
             job: The job.
             retries: How often a task that fails is tried again.
+            say: Receives a message on each worker that joins and cannot do tasks.
 
         Raises:
             BackendError: If the scheduler or all workers end, or no worker has what a task needs,
@@ -133,24 +138,24 @@ class DaskWorkers:
         client, run = self._client, uuid.uuid4().hex[:8]
         needs = job.needs()
         resources = {task: self._needed(task, job) for task in needs}
+        ours = {OURS: 1.0} if self._local is None else {}
         futures: dict[Task, Any] = {}
         for number, (task, before) in enumerate(needs.items()):
             futures[task] = client.submit(
                 self._run_task,
                 task.words,
                 os.getcwd(),
-                __version__,
                 *(futures[each] for each in before),
                 key=f"usdsplat-{run}-{number}",
                 retries=retries,
                 priority=len(before),  # tiles are joined as soon as they are drawn
-                resources=resources[task],
+                resources={**resources[task], **ours},
                 pure=False,
             )
         left = {future.key: (task, future) for task, future in futures.items()}
         futures.clear()  # Dask repeats tasks whose results are still wanted when their worker dies
         try:
-            yield from self._ended(left, resources)
+            yield from self._ended(left, resources, say)
         except (CancelledError, OSError) as error:
             raise BackendError(
                 self._where, "a scheduler that ended", "one that runs; --resume goes on"
@@ -187,6 +192,50 @@ class DaskWorkers:
                 raise BackendError(self._where, "a scheduler without workers", "one") from error
         return client
 
+    def _checked(self) -> list[Needs]:
+        """Return the resources of each worker, and let all get tasks.
+
+        Raises:
+            BackendError: If a worker has no usdsplat, or another version.
+        """
+        try:
+            told = self._client.run(_described, on_error="return")
+            for address, answer in told.items():
+                if unfit := _unfit(address, answer):
+                    raise BackendError(self._where, *unfit)
+            if self._local is None:
+                self._client.run(_admit)
+        except BackendError:
+            raise
+        except Exception as error:  # such as a connection that is lost
+            found = f"workers that do not answer ({error})"
+            raise BackendError(self._where, found, "some") from error
+        return [answer[1] for answer in told.values()]
+
+    def _fit(self, say: Say) -> list[Needs]:
+        """Return the resources of each worker that gets tasks. Let those that joined get some."""
+        there = self._client.scheduler_info(n_workers=-1)["workers"]
+        if self._local is not None:
+            return [each["resources"] for each in there.values()]
+        fit = [each["resources"] for each in there.values() if OURS in each["resources"]]
+        joined = [address for address, each in there.items() if OURS not in each["resources"]]
+        if not joined:
+            return fit
+        told = self._client.run(_described, workers=joined, on_error="return")
+        for address, answer in told.items():
+            if isinstance(answer, OSError):  # it has left, or is asked again
+                continue
+            if unfit := _unfit(address, answer):
+                found, expected = unfit
+                message = f"{self._where}: found {found}, expected {expected}; it gets no task"
+                if message not in self._refused:
+                    self._refused.add(message)
+                    say(message)
+                continue
+            self._client.run(_admit, workers=[address], on_error="return")
+            fit.append(answer[1])
+        return fit
+
     def _needed(self, task: Task, job: Job) -> dict[str, float]:
         """Return the resources of a worker that a task takes."""
         needed: dict[str, float] = {GPU: 1.0} if task.uses_gpu else {}
@@ -200,13 +249,14 @@ class DaskWorkers:
         return needed
 
     def _ended(
-        self, left: dict[str, tuple[Task, Any]], needs: Mapping[Task, Needs]
+        self, left: dict[str, tuple[Task, Any]], needs: Mapping[Task, Needs], say: Say
     ) -> Iterator[Outcome]:
         """Yield tasks as they end, and remove them.
 
         Args:
             left: Pairs of a task and its future by the future's key.
-            needs: Resources that each task takes.
+            needs: Resources that each task takes beside OURS.
+            say: See `run`.
         """
         from distributed import wait
 
@@ -217,12 +267,8 @@ class DaskWorkers:
                 looked = time.monotonic()
                 if self._local is not None:
                     self._local.replace_dead()
-                there = self._client.scheduler_info(n_workers=-1)["workers"].values()
-                lacking = _lacking(
-                    [needs[task] for task, _ in left.values()],
-                    [each["resources"] for each in there],
-                )
-                if not lacking:
+                lacking = _lacking([needs[task] for task, _ in left.values()], self._fit(say))
+                if not lacking or self._is_busy(left):
                     seen = looked
                 elif looked - seen > DESERTED:
                     found, expected = lacking
@@ -246,6 +292,10 @@ class DaskWorkers:
                 del future
                 outcomes.append(Outcome(task=task, result=result))
             yield from outcomes
+
+    def _is_busy(self, left: Mapping[str, object]) -> bool:
+        """Return whether a worker is at one of the tasks with these keys."""
+        return any(key in left for keys in self._client.processing().values() for key in keys)
 
 
 def _lacking(needs: Sequence[Needs], workers: Sequence[Needs]) -> tuple[str, str] | None:
@@ -279,29 +329,37 @@ def _quiet() -> Iterator[None]:
             log.setLevel(level)
 
 
-def _checked_workers(client: Client, where: str) -> list[Mapping[str, float]]:
-    """Return the resources of each worker.
+def _unfit(address: str, answer: Any) -> tuple[str, str] | None:
+    """Return what was found and what was expected, if a worker cannot do tasks.
 
-    Raises:
-        BackendError: If a worker has no usdsplat, or another version.
+    Args:
+        address: Its address.
+        answer: What `_described` returned or raised there.
     """
-    try:
-        told = client.run(_described, on_error="return")
-    except Exception as error:  # such as a connection that is lost
-        raise BackendError(where, f"workers that do not answer ({error})", "some") from error
-    for address, answer in told.items():
-        if isinstance(answer, BaseException):
-            found = f"a worker without usdsplat, {address} ({' '.join(str(answer).split())})"
-            raise BackendError(where, found, f"{INSTALL} on each")
-        if answer[0] != __version__:
-            found = f"usdsplat {answer[0]} on the worker {address}"
-            raise BackendError(where, found, f"usdsplat {__version__}")
-    return [answer[1] for answer in told.values()]
+    if isinstance(answer, BaseException):
+        found = f"a worker without usdsplat, {address} ({' '.join(str(answer).split())})"
+        return found, f"{INSTALL} on each"
+    if answer[0] != __version__:
+        return f"usdsplat {answer[0]} on the worker {address}", f"usdsplat {__version__}"
+    return None
 
 
 def _described(dask_worker: Any) -> tuple[str, dict[str, float]]:
     """Return the version of usdsplat, and the resources that a worker declares."""
     return __version__, dict(dask_worker.state.total_resources)
+
+
+async def _admit(dask_worker: Any) -> None:
+    """Let a worker get tasks: declare OURS. A scheduler assigns tasks that had no worker only when
+    one joins or goes on after a pause."""
+    from distributed.core import Status
+
+    if OURS in dask_worker.state.total_resources:
+        return
+    await dask_worker.set_resources(**{OURS: 1.0})
+    if dask_worker.status == Status.running:
+        dask_worker.status = Status.paused
+        dask_worker.status = Status.running
 
 
 def _result(future: Any, task: Task) -> TaskResult | None:

@@ -132,8 +132,7 @@ def shadows(engine: Engine, plan: PicturePlan) -> Iterator[Finding]:
     for path, field, _ in scene.drawn() if scene.lights else ():
         named = any(scene.light(each) for each in field.spec.captured_lights)
         if mode_of(field.spec, plan.settings) == "relit" and not named:
-            expected = "a light in splat:lighting:captured"
-            yield finding("estimated-light", path, "no light of the photographs", expected)
+            yield estimated_light(path)
     for path, field in {path: field for path, field, _ in scene.drawn()}.items():
         if mode_of(field.spec, plan.settings) == "relit" and scene.lights:
             yield from _instanced_lights(path, field)
@@ -152,6 +151,12 @@ def _instanced_lights(path: str, field: Field) -> Iterator[Finding]:
             expected = "a light outside of them"
             found = f"the light {light} inside one of {counted(len(seen), 'instance')}"
             yield finding("instanced-light", path, found, expected)
+
+
+def estimated_light(path: str) -> Finding:
+    """Return the finding on a field that is relit out of an estimated light."""
+    expected = "a light in splat:lighting:captured"
+    return finding("estimated-light", path, "no light of the photographs", expected)
 
 
 def what_is_forced(plan: PicturePlan) -> str:

@@ -37,7 +37,7 @@ from usdsplat.schema.lod_roots import is_lod_root, read_lod_root
 from usdsplat.schema.packing import harmonics_width
 from usdsplat.schema.proxy import place as place_proxy
 from usdsplat.schema.proxy import settle as settle_proxy
-from usdsplat.schema.radiance_overs import author_radiance
+from usdsplat.schema.radiance_overs import author_captured, author_radiance
 from usdsplat.schema.surface_primvars import (
     SurfacePrimvars,
     author_surface,
@@ -67,6 +67,7 @@ __all__ = [
     "SurfacePrimvars",
     "Tree",
     "author",
+    "author_captured",
     "author_grade",
     "author_lod_root",
     "author_radiance",

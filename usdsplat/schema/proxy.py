@@ -162,6 +162,13 @@ def child_of(prim: Usd.Prim) -> Usd.Prim | None:
     return child if _is_proxy(child) else None
 
 
+def existing(prim: Usd.Prim) -> list[Usd.Prim]:
+    """Return the proxies that a packed field has: that beside it, and that of 0.6 below it."""
+    path = path_of(prim)
+    beside = prim.GetStage().GetPrimAtPath(path) if path else None
+    return [each for each in (beside, child_of(prim)) if each and _is_proxy(each)]
+
+
 def points_of(prims: Iterable[Usd.Prim]) -> list[Usd.Prim]:
     """Return the points among prims, without proxies."""
     found = [prim for prim in prims if prim.IsA(UsdGeom.Points)]

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from pxr import Usd
+from pxr import Sdf, Usd
 
 from usdsplat.core.cloud import SplatCloud
 from usdsplat.schema import packed, packing, proxy, stock, tokens
+from usdsplat.schema.attributes import set_uniform
 from usdsplat.schema.field import form_of
 
 
@@ -31,7 +32,17 @@ def author_radiance(
         stock.author_harmonics(over, cloud, half=form == "half", code=code)
         return
     packed.author_appearance(over, packing.pack(cloud), code=code)
-    relationship = field.GetRelationship(tokens.PROXY_PRIM)
-    for path in relationship.GetTargets() if relationship else ():
-        if field.GetStage().GetPrimAtPath(path):
-            proxy.author_colors(stage.OverridePrim(path), cloud, code=code)
+    for points in proxy.existing(field):
+        proxy.author_colors(stage.OverridePrim(points.GetPath()), cloud, code=code)
+
+
+def author_captured(stage: Usd.Stage, path: str) -> None:
+    """Write an over of a field that says that its colours are not to be lit again.
+
+    Args:
+        stage: Stage whose edit target receives the over.
+        path: Path of the field.
+    """
+    over = stage.OverridePrim(path)
+    over.AddAppliedSchema(tokens.LIGHTING_API)
+    set_uniform(over, tokens.LIGHTING, Sdf.ValueTypeNames.Token, "captured")

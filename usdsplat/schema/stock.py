@@ -83,7 +83,7 @@ def author(prim: Usd.Prim, cloud: SplatCloud, *, half: bool, code: Usd.TimeCode)
 
 
 def author_harmonics(prim: Usd.Prim, cloud: SplatCloud, *, half: bool, code: Usd.TimeCode) -> None:
-    """Write the harmonics of a stock prim alone.
+    """Write the harmonics of a stock prim alone, with their degree: the prim may have none.
 
     Raises:
         UsageError: If `half`, and a number exceeds the range of half precision.
@@ -94,7 +94,9 @@ def author_harmonics(prim: Usd.Prim, cloud: SplatCloud, *, half: bool, code: Usd
     kind, vt_kind = (_HALF if half else _FLOAT)[name]
     target = tokens.HALF_OF[name] if half else name
     written = set_array(prim, target, kind, to_vt(cloud.sh.reshape(-1, 3), vt_kind), code)
-    _set_primvar_metadata(written, cloud.sh.shape[1])
+    if len(cloud):  # an empty sample says nothing about the degree of others
+        _set_primvar_metadata(written, cloud.sh.shape[1])
+        set_uniform(prim, tokens.SH_DEGREE, _Type.Int, cloud.sh_degree)
 
 
 def check_half(cloud: SplatCloud) -> None:

@@ -70,6 +70,7 @@ LOD_ROOT = "splat:lod:root"
 LIGHTING = "splat:lighting"
 CAPTURED_LIGHTS = "splat:lighting:captured"
 """Relationship of a field to the lights in which it was photographed."""
+LIGHTING_API = "SplatLightingAPI"
 CATCHER_API = "SplatShadowCatcherAPI"
 
 GRADE_EXPOSURE = "splat:grade:exposure"
