@@ -172,7 +172,7 @@ def test_the_hdri_turns_with_the_capture(run_json, shot, tmp_path):
 
 def test_the_example_of_the_page_is_relit_once(run_json, shot, tmp_path):
     """Oracle: its picture, relit; the layer looks the same in all modes."""
-    path, target = shot(at="/Statue"), tmp_path / "in" / "relit.usda"
+    path, target = shot(at="/Statue/splats"), tmp_path / "in" / "relit.usda"
     page = Path(__file__).parents[2] / "docs" / "lighting.md"
     (example,) = (
         each for each in re.findall("```usda\n(.*?)```", page.read_text(), re.DOTALL)

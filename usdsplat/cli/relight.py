@@ -1,15 +1,16 @@
 """Author the colours of splats under the lights of a stage, in a layer of their own.
 
 examples:
-  usdsplat relight shot.usda -o relit.usda --captured-hdri set.exr
+  usdsplat relight shot.usda -o relit.usdc --captured-hdri set.exr
       all splat fields, which were photographed in the light of set.exr, under the shot's lights
-  usdsplat relight shot.usda -o relit.usda --prim /World/Statue
+  usdsplat relight shot.usda -o relit.usdc --prim /World/Statue
       only this field; the light of its photographs is estimated from its colours
 
 notes:
   The result is a layer of harmonics over STAGE, which is not changed. All renderers that draw
-  splats show it; mute or delete it to take it back. Colours are those of render --lighting relit
-  up to the printed error: harmonics in an encoded colour space cannot hold all of them.
+  splats show it. It is the root of the new stage: to mute it, make it a sublayer. Colours are those
+  of render --lighting relit up to the printed error: harmonics in an encoded colour space cannot
+  hold all of them.
   Lights in which a field was photographed are named by its relationship splat:lighting:captured.
   For fields without it, name a picture with --captured-hdri, or the light is estimated.
   Author normals first, with usdsplat normals.
