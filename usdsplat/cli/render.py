@@ -112,7 +112,7 @@ def run(options: Options, reporter: Reporter) -> int:
 def _run_tasks(
     options: Options, drawing: DrawOptions, runner: JobRunner, reporter: Reporter
 ) -> int:
-    """Plan the pictures, and let tasks draw them. A GPU that is named is theirs alone."""
+    """Plan the pictures, and let tasks draw them. With --device cuda, only the tasks open a GPU."""
     from usdsplat.products.preparing import check_frames, files_of, work_of
 
     is_named = options.device == CUDA

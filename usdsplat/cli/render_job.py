@@ -109,7 +109,8 @@ def run_as_job(
 
 
 def _version(path: Path) -> tuple[int, ...] | None:
-    """Return what changes when a file is replaced; None if there is none."""
+    """Return inode, time [ns] and size [byte] of a file, which change when it is replaced; None if
+    there is no file."""
     try:
         status = path.stat()
     except OSError:

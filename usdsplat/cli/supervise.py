@@ -165,7 +165,7 @@ def _leave(status: int) -> NoReturn:
 
 
 def _join_threads() -> None:
-    """Wait for all threads that are not daemons, as the interpreter does at its end.
+    """Wait for all threads but daemons, as the interpreter does before it ends.
 
     Executors of `concurrent.futures` are told to end first.
     """

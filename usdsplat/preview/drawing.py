@@ -84,7 +84,7 @@ class Drawing:
         """The last picture, and what it was made from."""
 
     def close(self) -> None:
-        """Release all pictures."""
+        """Forget the pictures that were drawn, so that their memory is freed."""
         self._drawn.clear()
         self.shown = self._wanted = None
 

@@ -1,4 +1,4 @@
-"""Author the colours that splats have under the lights of a stage, in a layer over it."""
+"""Compute the colours of splats under the lights of a stage, and write them to a layer over it."""
 
 from __future__ import annotations
 

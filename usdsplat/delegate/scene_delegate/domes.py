@@ -20,7 +20,7 @@ from usdsplat.schema.stage_values import local_to_world, up_axis
 MOST_SKIES = 16
 """Number of pictures whose skies are kept, so that a dome that turns is not read again."""
 FORMATS = ("automatic", "latlong")
-"""Values of inputs:texture:format that are supported; automatic is latlong."""
+"""The values of inputs:texture:format that domes support. "automatic" is read as "latlong"."""
 STANDING = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 """Rotation that turns the pole of a dome from y to z."""
 

@@ -23,7 +23,7 @@ class LightReader:
     def __init__(self) -> None:
         self._skies = Skies()
         self._named: dict[str, tuple[str, ...]] = {}
-        """Path of a field -> the lights in which it was photographed."""
+        """Path of a field -> paths of the lights in which it was photographed."""
         self._photographed: set[str] = set()
         self.remarks: tuple[Finding, ...] = ()
         """Findings on the light that was read last."""
@@ -60,7 +60,7 @@ class LightReader:
         return replace(read_light(prim, time, cache, sky), is_on=is_on)
 
     def clear(self) -> None:
-        """Release all pictures."""
+        """Forget the pictures of domes that were read."""
         self._skies.clear()
 
 

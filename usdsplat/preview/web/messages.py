@@ -58,8 +58,8 @@ class TakeOver(_Size):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Acknowledge:
-    """Say that a message with a part of a picture has arrived. If it has the last part, the picture
-    is on the screen."""
+    """Say that the page has received a message with a part of a picture. After the last part, the
+    page shows the picture."""
 
     message: int = knob(MISSING, "number of the message", range=(0, 2**53))
 

@@ -90,8 +90,8 @@ class Spool:
         return 0 if self.pending is None else self.pending.index + 1
 
     def has_same(self, frame: Frame) -> bool:
-        """Return whether no splat was born or died: the frame has the ids of the frame before it,
-        and as many splats as the capture."""
+        """Return whether a frame has the same splats as the capture: none was born and none died
+        since the frame before."""
         if len(frame.cloud) != len(self._rest):
             return False
         before = self.pending
