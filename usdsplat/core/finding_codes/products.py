@@ -143,9 +143,9 @@ CODES: dict[str, Code] = {
     ),
     "no-lights": Code(
         "warning",
-        "shadows are requested of a stage without lights",
+        "shadows, or AOVs of light, are requested of a stage without lights",
         "add a light, or make one visible",
-        "nothing casts shadows",
+        "nothing casts shadows, and no light arrives",
     ),
     "estimated-light": Code(
         "note",
@@ -162,7 +162,7 @@ CODES: dict[str, Code] = {
     ),
     "unlit-tree": Code(
         "warning",
-        "shadows are requested of a splat tree",
+        "shadows, or AOVs of light, are requested of a splat tree",
         "convert the part that matters to a field with usdsplat convert",
         "it neither casts nor receives shadows",
     ),

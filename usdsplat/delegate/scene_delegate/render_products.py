@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from functools import cached_property
 from types import MappingProxyType
 from typing import Any
 
@@ -19,7 +20,15 @@ from usdsplat.core.findings import Finding, finding
 from usdsplat.core.knobs import checked
 from usdsplat.delegate.product import ProductSpec
 from usdsplat.delegate.scene_delegate import collections, product_metadata
-from usdsplat.delegate.scene_delegate.render_names import ALPHAS, AOVS, LINEAR, working_space
+from usdsplat.delegate.scene_delegate.light_groups import find_lights, light_aovs
+from usdsplat.delegate.scene_delegate.render_names import (
+    ALPHAS,
+    AOVS,
+    LINEAR,
+    light_of,
+    working_space,
+)
+from usdsplat.images.aovs import is_light
 from usdsplat.images.layout import PixelType
 from usdsplat.render.framing import CONFORM, data_window
 from usdsplat.render.settings import RenderSettings, usd_names
@@ -296,11 +305,13 @@ class _Reader:
         sources = [
             (str(var.GetPath()), str(var.GetSourceNameAttr().Get())) for var in self._all_vars()
         ]
-        names = ", ".join(dict.fromkeys(AOVS.values()))
+        unknown = [(path, name) for path, name in sources if not self._aov(name)]
+        if not unknown:
+            return ()
+        names = ", ".join((*dict.fromkeys(AOVS.values()), *self._lights))
         return tuple(
             finding("unknown-var", f"{path}.sourceName", repr(name), f"one of {names}")
-            for path, name in sources
-            if name not in AOVS
+            for path, name in unknown
         )
 
     def renamed(self) -> Iterator[Finding]:
@@ -315,9 +326,18 @@ class _Reader:
     def _vars(self) -> Iterator[tuple[str, UsdRender.Var]]:
         """Yield (our AOV name, var) of the product's supported vars."""
         for var in self._all_vars():
-            name = str(var.GetSourceNameAttr().Get())
-            if name in AOVS:
-                yield AOVS[name], var
+            if aov := self._aov(str(var.GetSourceNameAttr().Get())):
+                yield aov, var
+
+    def _aov(self, source: str) -> str:
+        """Return our AOV of a `sourceName`; "" if there is none, or no light of its group."""
+        name = AOVS.get(source) or light_of(source)
+        return name if not is_light(name) or name in self._lights else ""
+
+    @cached_property
+    def _lights(self) -> tuple[str, ...]:
+        """AOVs of the light groups of the stage."""
+        return light_aovs(find_lights(self._product.GetStage()))
 
     def _all_vars(self) -> Iterator[UsdRender.Var]:
         targets = UsdRender.Product(self._product).GetOrderedVarsRel().GetForwardedTargets()

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from usdsplat.core.cloud import F32
-from usdsplat.kernels import receivers, total
+from usdsplat.images.aovs import CAPTURED
+from usdsplat.kernels import light_parts, receivers, total
 from usdsplat.kernels.device import Device
-from usdsplat.render.lights.light_maps import by_pixel
+from usdsplat.render.lights.light_maps import NO_SUMS, by_pixel
 
 
 def summed(device: Device, parts: Sequence[Any]) -> Any:
@@ -50,6 +51,33 @@ def relit_gains(device: Device, sums: Any, captured: Any, ambient: float, rows: 
         _ambient(device, captured, ambient), rows, gains,
     )  # fmt: skip
     return gains
+
+
+def shares_of(
+    device: Device, parts: Mapping[str, Sequence[Any]], ambient: float, rows: Any
+) -> dict[str, Any]:
+    """Return the shares of parts of the light in the colours of splats, and that of the rest,
+    `CAPTURED`, see `light_parts.shares`.
+
+    Args:
+        parts: Light of receivers by each light of each part; all lights are in one of them.
+        ambient, rows: See `shadow_gains`.
+    """
+    sums = summed(device, [each for part in parts.values() for each in part])
+    rest = _ambient(device, sums, ambient)
+    found = {}
+    for name, part in [*parts.items(), (CAPTURED, [NO_SUMS])]:
+        found[name] = out = device.resident((sums.shape[0], 3), np.float32)
+        device.run(light_parts.shares, sums, summed(device, part), rest, rows, out)
+    return found
+
+
+def arrivals_of(device: Device, parts: Sequence[Any], rows: Any) -> Any:
+    """Return the light of several lights that arrives at splats, shape (n, 3)."""
+    sums = summed(device, parts)
+    out = device.resident((sums.shape[0], 3), np.float32)
+    device.run(light_parts.arrivals, sums, rows, out)
+    return out
 
 
 def _ambient(device: Device, sums: Any, ambient: float) -> F32:

@@ -8,24 +8,30 @@ and picture.
 
 from __future__ import annotations
 
-from collections import OrderedDict
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from usdsplat.core.cloud import F32, I32
-from usdsplat.kernels import lighting, receivers, total
+from usdsplat.kernels import light_parts, lighting, receivers, total
 from usdsplat.kernels.points.curve_order import curve_order
 from usdsplat.render.draw_list import DrawList, Group
 from usdsplat.render.frame_buffers import FrameBuffers
 from usdsplat.render.group_gains import Gains, GroupGains
 from usdsplat.render.lights.captured import estimate
-from usdsplat.render.lights.gains import relit_gains, shadow_gains, summed
-from usdsplat.render.lights.light_maps import LightMaps, Maps, Receivers, by_pixel
-from usdsplat.render.lights.needs import is_needed, mode_of
+from usdsplat.render.lights.gains import (
+    arrivals_of,
+    relit_gains,
+    shadow_gains,
+    shares_of,
+    summed,
+)
+from usdsplat.render.lights.light_maps import LightMaps, Receivers, by_pixel
+from usdsplat.render.lights.light_store import LightStore
+from usdsplat.render.lights.needs import NOTHING_WANTED, Wanted, is_needed, mode_of
 from usdsplat.render.lights.specs import LightSpec
 from usdsplat.render.matte import is_matte
 from usdsplat.render.rasterizer import Rasterizer
@@ -33,29 +39,11 @@ from usdsplat.render.scene import RenderScene
 from usdsplat.render.screen import Screen
 from usdsplat.render.settings import RenderSettings
 from usdsplat.render.specs import View
-from usdsplat.render.surface_cache import SurfaceCache
-from usdsplat.render.surfaces import SurfaceBand
+from usdsplat.render.surfaces import SurfaceBand, SurfaceLight
 
 ALL_APPEARANCES = -1
 NO_ROWS: I32 = np.empty(0, np.int32)
 NO_RATIOS: F32 = np.empty((0, 3), np.float32)
-
-
-@dataclass(slots=True, eq=False)
-class LightStore:
-    """What lighting keeps between pictures."""
-
-    maps: Maps = field(default_factory=OrderedDict)
-    sums: dict[tuple[int, str], tuple[Any, Any]] = field(default_factory=dict)
-    """First slot of a group and path of a light -> what the sums depend on, and the sums."""
-    estimates: dict[int, tuple[Any, Any]] = field(default_factory=dict)
-    """First slot of a group -> what the estimated light of its photographs depends on, and its
-    sums."""
-    gains: dict[tuple[int, str], tuple[Any, GroupGains]] = field(default_factory=dict)
-    """First slot of a group and mode -> what its gains depend on, and the gains."""
-    rows: dict[int, tuple[F32, I32]] = field(default_factory=dict)
-    """First slot of a group -> the centres of its field, and their order along a curve."""
-    meshes: SurfaceCache = field(default_factory=SurfaceCache)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,7 +63,7 @@ class Lighting:
     Args:
         view: A view with all shadow catchers, see `with_catchers`.
         layout: The splats that are drawn.
-        wants_ratios: Whether the AOV of shadows is drawn.
+        wanted: The AOVs of light.
     """
 
     def __init__(
@@ -86,8 +74,7 @@ class Lighting:
         scene: RenderScene,
         view: View,
         layout: DrawList,
-        *,
-        wants_ratios: bool,
+        wanted: Wanted = NOTHING_WANTED,
     ) -> None:
         self._rasterizer, self._device = rasterizer, rasterizer.device
         self._buffers = buffers
@@ -96,7 +83,7 @@ class Lighting:
         self._store: LightStore = buffers.lights
         self._settings, self._scene = settings, scene
         self._catchers = view.catchers
-        self._layout, self._wants_ratios = layout, wants_ratios
+        self._layout, self._wanted = layout, wanted
         # nodes of trees follow the view, so they cast no shadows
         self._casters = scene.draw_list(settings.splat_budget)
         self._version = (
@@ -114,6 +101,10 @@ class Lighting:
             meshes=self._store.meshes,
         )  # fmt: skip
         self._is_shadowed = settings.lighting != "captured"
+        self.shares: dict[int, dict[str, Any]] = {}
+        """First slot of a lit group -> share of each part of light in its colours."""
+        self.arrivals: dict[int, Any] = {}
+        """First slot of a group -> light that arrives at its splats, if it is needed."""
         self.gains, self.ratios = self._of_splats()
 
     @property
@@ -148,8 +139,8 @@ class Lighting:
             x0, y0: Pixel of the first column and row of the band.
         """
         is_plain = all(light.is_plain for light in self._scene.named_lights.values())
-        casts = self._is_shadowed or self._wants_ratios
-        if is_plain and not casts:
+        casts, parts = self._is_shadowed or self._wanted.everything, self._wanted.parts
+        if is_plain and not casts and not parts:
             return band
         run, (height, width) = self._device.run, band.depth.shape
         made = self._buffers.lit
@@ -161,15 +152,25 @@ class Lighting:
             band.covered, band.ids, x0, y0, points, normals, prims,
         )  # fmt: skip
         run(total.clear, by_pixel(sums))
+        kept = made.parts(len(parts), height, width)
+        if parts:
+            run(total.clear, kept)
+        one = made.one(height, width) if parts else sums
+        first = 0 if self._is_shadowed else 3
         names = self._scene.prims()
         for _, light in sorted(self._scene.named_lights.items()):
             linked = np.array([is_matte(name, light.linked) for name in names], np.uint8)
             to = Receivers(
                 places=(points, normals, lighting.NO_SHAPES, prims), linked=linked,
-                own=ALL_APPEARANCES, sums=sums,
+                own=ALL_APPEARANCES, sums=one,
                 seen=made.seen(height, width) if casts and light.kind == "dome" else None,
             )  # fmt: skip
+            if parts:
+                run(total.clear, by_pixel(one))
             self._maps.shine(light, [to], casts=casts)
+            if parts:
+                part = kept[parts.index(light.group)] if light.group in parts else NO_RATIOS
+                run(light_parts.collect, one, first, sums, part)
         ratio = made.ratios(height, width) if casts else NO_RATIOS
         if casts:
             none = np.zeros(3, np.float32)
@@ -178,9 +179,9 @@ class Lighting:
         if not is_plain or self._is_shadowed:
             part = ratio if self._is_shadowed else NO_RATIOS
             run(receivers.light_surfaces, sums, part, band.albedo, band.covered, band.color)
-        if not self._wants_ratios:
-            return band
-        return replace(band, received=(ratio, prims))
+        ambient = self._settings.ambient if self._is_shadowed else 0.0
+        found = SurfaceLight(sums, dict(zip(parts, kept, strict=True)), first, ambient)
+        return replace(band, received=(ratio, prims) if casts else None, light=found)
 
     # --- splats ----------------------------------------------------------------------------
 
@@ -189,7 +190,8 @@ class Lighting:
         lights, store = self._scene.named_lights, self._store
         drawn = [group for group in self._layout.groups if not group.field.is_node]
         modes = {group.slot: mode_of(group.field.spec, self._settings) for group in drawn}
-        groups = [g for g in drawn if modes[g.slot] != "captured" or self._wants_ratios]
+        all_of_them = self._wanted.everything
+        groups = [g for g in drawn if modes[g.slot] != "captured" or all_of_them]
         numbers = _appearances(self._casters, self._layout)
         targets = [self._target(g, numbers[g.slot]) for g in groups] if lights else []
         self._live: set[tuple[int, str]] = set()
@@ -199,14 +201,18 @@ class Lighting:
         lit, ratios = {}, {}
         for target in targets:
             slot = target.group.slot
-            if self._wants_ratios or modes[slot] == "shadowed":
+            if self._wanted.shadow or modes[slot] == "shadowed":
                 ratios[slot] = self._gain(target, "shadowed")
             if modes[slot] != "captured":
                 lit[slot] = self._gain(target, "relit") if modes[slot] == "relit" else ratios[slot]
+                if self._wanted.parts:
+                    self.shares[slot] = self._share(target)
+            if self._wanted.irradiance:
+                self.arrivals[slot] = self._arriving(target)
         store.sums = {key: each for key, each in store.sums.items() if key in self._live}
-        store.rows = {k: each for k, each in store.rows.items() if k in slots}
-        store.estimates = {k: each for k, each in store.estimates.items() if k in slots}
-        store.gains = {k: each for k, each in store.gains.items() if k[0] in slots}
+        store.shares = {k: each for k, each in store.shares.items() if k in self.shares}
+        store.arrivals = {k: each for k, each in store.arrivals.items() if k in self.arrivals}
+        store.drop_others(slots)
         return lit, ratios
 
     def _target(self, group: Group, appearances: list[int]) -> _Target:
@@ -301,6 +307,34 @@ class Lighting:
         self._store.gains[slot, mode] = version, gains
         return gains
 
+    def _share(self, target: _Target) -> dict[str, Any]:
+        """Return the share of each part of light in the colours of a lit group."""
+        slot, ambient = target.group.slot, self._settings.ambient
+        lights = sorted(self._scene.named_lights.items())
+        parts: dict[str, list[Any]] = {light.group: [] for _, light in lights}
+        for path, light in lights:
+            parts[light.group].append(self._store.sums[slot, path])
+        versions = [(name, *(each[0] for each in held)) for name, held in parts.items()]
+        version = ambient, *versions
+        held = self._store.shares.get(slot)
+        if held is None or held[0] != version:
+            sums = {name: [each[1] for each in part] for name, part in parts.items()}
+            held = version, shares_of(self._device, sums, ambient, self._rows(target.group))
+            self._store.shares[slot] = held
+        return held[1]
+
+    def _arriving(self, target: _Target) -> Any:
+        """Return the light that arrives at the splats of a group."""
+        slot = target.group.slot
+        parts = [self._store.sums[slot, path] for path in sorted(self._scene.named_lights)]
+        version = tuple(each[0] for each in parts)
+        held = self._store.arrivals.get(slot)
+        if held is None or held[0] != version:
+            rows = self._rows(target.group)
+            held = version, arrivals_of(self._device, [each[1] for each in parts], rows)
+            self._store.arrivals[slot] = held
+        return held[1]
+
     # --- light of photographs ----------------------------------------------------------------
 
     def _captured(self, target: _Target) -> list[tuple[Any, Any]]:
@@ -360,5 +394,4 @@ def lighting_of(
     """Return the light of a sample; None if nothing of the picture depends on it."""
     if not is_needed(scene, settings, aovs):
         return None
-    wants = "shadow" in aovs
-    return Lighting(rasterizer, buffers, settings, scene, view, layout, wants_ratios=wants)
+    return Lighting(rasterizer, buffers, settings, scene, view, layout, Wanted.of(aovs))

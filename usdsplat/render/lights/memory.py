@@ -7,7 +7,7 @@ from collections.abc import Set as AbstractSet
 from usdsplat.kernels import lighting
 from usdsplat.render.fields import Field
 from usdsplat.render.lights.light_maps import KEPT_BYTES
-from usdsplat.render.lights.needs import is_needed, mode_of, receives, with_catchers
+from usdsplat.render.lights.needs import Wanted, is_needed, mode_of, receives, with_catchers
 from usdsplat.render.lights.specs import LightSpec
 from usdsplat.render.scene import RenderScene
 from usdsplat.render.settings import RenderSettings
@@ -30,20 +30,26 @@ def lighting_uses(
     scene: RenderScene, view: View, settings: RenderSettings, aovs: AbstractSet[str]
 ) -> list[Use]:
     """Return the buffers of a frame that lighting uses, see `memory.buffers_of`."""
-    is_lit = is_needed(scene, settings, aovs)
-    ratios = is_lit and "shadow" in aovs
-    casts = ratios or settings.lighting != "captured"
+    is_lit, wanted = is_needed(scene, settings, aovs), Wanted.of(aovs)
+    ratios, parts, sampled = is_lit and wanted.shadow, bool(wanted.parts), settings.samples > 1
+    casts = (is_lit and wanted.everything) or settings.lighting != "captured"
     meshes = is_lit and bool(scene.drawn_meshes())
     shades = not all(light.is_plain for light in scene.named_lights.values())
     caught = bool(with_catchers(scene, view).catchers)
     return [
         (ratios, "splats", "features ordered_ratios"),
         (ratios and caught, "splats", "catches"),
-        (ratios, "shadows", "image"),
-        (meshes and (casts or shades), "lit", "points normals prims sums"),
+        (is_lit and (parts or wanted.irradiance), "splats", "features ordered_light"),
+        (is_lit and wanted.any, "shadows", "image"),
+        (parts, "pixels", "lights"),
+        (parts and bool(scene.drawn_meshes()), "lit", "colors"),
+        (meshes and (casts or shades or parts), "lit", "points normals prims sums"),
+        (meshes and parts, "lit", "one parts"),
         (meshes and casts, "lit", "ratios"),
         (meshes and casts and bool(_domes(scene)), "lit", "seen"),
-        (settings.samples > 1 and "shadow" in aovs, "sums", "shadow"),
+        (sampled and wanted.shadow, "sums", "shadow"),
+        (sampled and wanted.irradiance, "sums", "irradiance"),
+        (sampled and parts, "sums", "lights"),
     ]
 
 
@@ -53,8 +59,8 @@ def lighting_bytes(
     """Return the bytes of receivers, and those of depth maps, which are kept up to a limit."""
     if not is_needed(scene, settings, aovs):
         return 0, 0
-    wants, count = "shadow" in aovs, len(scene.named_lights)
-    fields = [f for f in scene.visible_fields() if wants or receives(f.spec, settings)]
+    wanted, count = Wanted.of(aovs), len(scene.named_lights)
+    fields = [f for f in scene.visible_fields() if wanted.everything or receives(f.spec, settings)]
     receivers = sum(len(field.instances) * len(field.spec.cloud) for field in fields)
     relit = [field for field in fields if mode_of(field.spec, settings) == "relit"]
     photographed = [_captured(scene, field) for field in relit]
@@ -76,6 +82,10 @@ def lighting_bytes(
     maps = one * sum(_samples(light, settings) for light in shining)
     domes = _domes(scene)
     sums = 4 * lighting.SUMS * (count + 1 + bool(domes))
+    if wanted.parts:  # shares of each group and of the rest, from sums of each
+        groups = len({light.group for light in scene.named_lights.values()})
+        sums += 4 * (3 * (groups + 1) + lighting.SUMS * (groups + 1))
+    sums += 4 * 3 * wanted.irradiance
     return receivers * (RECEIVER + sums) + own, min(maps, KEPT_BYTES) + one
 
 

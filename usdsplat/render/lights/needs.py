@@ -3,11 +3,45 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
+from usdsplat.images.aovs import is_light
 from usdsplat.render.scene import RenderScene
 from usdsplat.render.settings import RenderSettings
 from usdsplat.render.specs import FieldSpec, View
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Wanted:
+    """AOVs of light of a picture."""
+
+    shadow: bool = False
+    irradiance: bool = False
+    parts: tuple[str, ...] = ()
+    """AOVs of light groups."""
+
+    @classmethod
+    def of(cls, aovs: Iterable[str]) -> Wanted:
+        """Return those among all AOVs of a picture."""
+        names = tuple(aovs)
+        return cls(
+            shadow="shadow" in names,
+            irradiance="irradiance" in names,
+            parts=tuple(filter(is_light, names)),
+        )
+
+    @property
+    def everything(self) -> bool:
+        """Whether light on all splats is needed, also on those that keep their own."""
+        return self.shadow or self.irradiance
+
+    @property
+    def any(self) -> bool:
+        """Whether there is any."""
+        return self.everything or bool(self.parts)
+
+
+NOTHING_WANTED = Wanted()
 
 
 def receives(spec: FieldSpec, settings: RenderSettings) -> bool:
@@ -26,7 +60,7 @@ def is_needed(scene: RenderScene, settings: RenderSettings, aovs: Iterable[str])
     lights = scene.named_lights.values()
     if not lights:
         return False
-    if settings.lighting != "captured" or "shadow" in aovs:
+    if settings.lighting != "captured" or Wanted.of(aovs).any:
         return True
     shadowed = any(receives(field.spec, settings) for field in scene.visible_fields())
     return shadowed or not all(light.is_plain for light in lights)
