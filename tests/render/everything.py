@@ -67,12 +67,15 @@ CASES: dict[str, Case] = {
         settings={"lighting": "shadowed", "light_samples": 3, "shadow_resolution": 64}, lamp=True
     ),
     "light groups": Case(
-        settings={"lighting": "relit", "light_samples": 2, "shadow_resolution": 64}, lamp=True,
+        settings={"lighting": "relit", "light_samples": 2, "shadow_resolution": 64},
+        lamp=True,
         aovs=("color", "irradiance", "light_default", "light_lamp", "light_captured"),
     ),
     "light groups and samples": Case(
         settings={"lod_error": 4.0, "lod_samples": 2, "samples": 2, "lighting": "shadowed"},
-        lamp=True, tree=True, aovs=("color", "light_default", "light_lamp", "light_captured"),
+        lamp=True,
+        tree=True,
+        aovs=("color", "light_default", "light_lamp", "light_captured"),
     ),
     "sky": Case(
         settings={"lighting": "shadowed", "dome_samples": 3, "shadow_resolution": 64}, sky=True

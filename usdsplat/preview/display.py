@@ -15,7 +15,7 @@ import numpy as np
 
 from usdsplat.core.cloud import F32, F64
 from usdsplat.delegate.render_buffer import Pixels
-from usdsplat.images.aovs import find_aovs, is_light
+from usdsplat.images.aovs import AOVS, Aov, aov_named, find_aovs, is_light
 from usdsplat.images.color import REC709, convert, luminance
 from usdsplat.images.cryptomatte import LAYERS
 from usdsplat.kernels import false_color, show
@@ -69,6 +69,11 @@ def needed(look: Look) -> tuple[str, ...]:
     name = find_aovs((look.aov,))[0].hydra
     beside = "color" if is_light(name) else BESIDE.get(name)
     return (name, beside) if beside else (name,)
+
+
+def choices(lights: tuple[str, ...]) -> tuple[Aov, ...]:
+    """Return the AOVs that can be shown of a stage with these AOVs of light groups."""
+    return *AOVS.values(), *map(aov_named, lights)
 
 
 def settings_of(look: Look) -> RenderSettings:

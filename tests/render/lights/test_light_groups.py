@@ -102,7 +102,9 @@ def test_the_part_of_a_light_on_a_mesh_is_lamberts_law():
     scene.set_light("/top", replace(SUN, group="light_fill"))
     found = picture(scene, view_from_above(), aovs=NAMES)
     expected = math.cos(0.5) * np.array(KEY.irradiance)
-    np.testing.assert_allclose(found["light_key"], np.broadcast_to(expected, (40, 60, 3)), rtol=1e-5)
+    np.testing.assert_allclose(
+        found["light_key"], np.broadcast_to(expected, (40, 60, 3)), rtol=1e-5
+    )
     np.testing.assert_allclose(found["light_fill"], 1.0, rtol=1e-5)
     np.testing.assert_allclose(found[CAPTURED], 0.0, atol=1e-6)
     np.testing.assert_allclose(found["irradiance"][20, 30], 1 + expected, rtol=1e-5)
@@ -183,9 +185,9 @@ def test_irradiance_is_in_the_working_space():
     """Oracle: conversion of the picture in Rec.709."""
     scene = lit_scene(KEY)
     found = picture(scene, view_from_above(), aovs=("irradiance",))["irradiance"]
-    other = picture(
-        scene, view_from_above(), aovs=("irradiance",), working_space="lin_ap1_scene"
-    )["irradiance"]
+    other = picture(scene, view_from_above(), aovs=("irradiance",), working_space="lin_ap1_scene")[
+        "irradiance"
+    ]
     expected = convert(found, "lin_rec709_scene", "lin_ap1_scene")
     np.testing.assert_allclose(other, expected, atol=1e-5)
 
