@@ -23,22 +23,27 @@ if TYPE_CHECKING:
     from usdsplat.jobs.job import Job
 
 
+def is_divisible(options: Options, target: str) -> bool:
+    """Return whether frames are converted into files of their own, which others may see at once."""
+    from usdsplat.interchange.files import is_usd
+
+    is_sequence = has_place(target) and not is_usd(Path(target))
+    return is_sequence and not options.reporting.strict
+
+
 def check_job(options: Options, target: str) -> None:
     """Raise an error if a job does not convert frames side by side.
 
     Raises:
         UsageError: If the output is one file, or the job is to write all files or none.
     """
-    from usdsplat.interchange.files import is_usd
-
-    if not options.job.is_asked:
+    if not options.job.is_asked or is_divisible(options, target):
         return
-    if not has_place(target) or is_usd(Path(target)):
-        expected = "captures with a frame number, such as out.####.sog, which are made side by side"
-        raise UsageError(target, "one output of a job", expected)
     if options.reporting.strict:
         found = "it with --jobs, --dask or --openjd"
         raise UsageError("--strict", found, "one of them: tasks write files before others begin")
+    expected = "captures with a frame number, such as out.####.sog, which are made side by side"
+    raise UsageError(target, "one output of a job", expected)
 
 
 def run_as_job(

@@ -62,17 +62,32 @@ def run_as_job(
     frames: Sequence[float],
     runner: JobRunner,
     reporter: Reporter,
+    *,
+    left: Sequence[float] | None = None,
+    drawn: Sequence[dict[str, Any]] = (),
 ) -> int:
-    """Run the pictures as tasks, and print each file when it is finished."""
+    """Run the pictures as tasks, and print each file when it is finished.
+
+    Args:
+        options: Options of the job.
+        task: Options of a task, see `as_task`.
+        plans: The pictures.
+        frames: All frames.
+        runner: Runs the tasks.
+        reporter: Receives progress and findings.
+        left: Frames that are to be drawn; None for all.
+        drawn: Reports on the pictures of the others.
+    """
     from usdsplat.products.preparing import files_of
     from usdsplat.products.tiles import remove_tiles
 
     if options.job.openjd is not None:
         return _write_bundle(options, task, frames, reporter)
-    chunk = options.job.chunk or max(1, len(frames) // (len(runner) * TURNS))
+    left = frames if left is None else left
+    chunk = options.job.chunk or max(1, len(left) // (len(runner) * TURNS))
     files = files_of(plans, frames)
     before = {path: _version(path) for group in files for path in group}
-    report: list[dict[str, Any]] = []
+    report = list(drawn)
 
     def finish(picture: dict[str, Any]) -> None:
         if options.tiles is not None:
@@ -90,7 +105,7 @@ def run_as_job(
                     finish(_untold(plan, frame, path, task.device))
 
     try:
-        for printed in runner.run(_job(options, task, frames, chunk)):
+        for printed in runner.run(_job(options, task, left, chunk)):
             for picture in printed["pictures"]:
                 if not picture["path"].endswith(TILE_SUFFIX):
                     finish(picture)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import get_origin
@@ -163,6 +163,7 @@ def wedge(
     progress: Progress = silent,
     findings: Findings | None = None,
     rates: Path | None = None,
+    baked: Callable[[int, int], None] = lambda done, total: None,
 ) -> WedgeReport:
     """Bake every combination of some parameters' values, and draw a contact sheet.
 
@@ -176,6 +177,8 @@ def wedge(
         axes: Parameters with their values.
         options: How existing bakes are treated, and the frame of the contact sheet.
         progress, findings, rates: As for `simulate`.
+        baked: Called with the number of finished bakes and of all, before each bake. An exception
+            that it raises ends the wedge.
 
     Raises:
         UsageError: If the axes or the frame of the contact sheet cannot be used.
@@ -187,6 +190,7 @@ def wedge(
     shown = frames[-1] if options.frame is None else options.frame
     reports = []
     for number, each in enumerate(made, 1):
+        baked(number - 1, len(made))
         findings.say(f"{number} of {len(made)}: {each.target.name}")
         changed = twin(stage)
         for setting in each.settings:
