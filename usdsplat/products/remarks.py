@@ -14,7 +14,7 @@ from usdsplat.products.request import PicturePlan
 from usdsplat.render.draw_list import ELEMENT_IDS
 from usdsplat.render.fields import Field
 from usdsplat.render.frame_stats import FrameStats
-from usdsplat.render.lights.needs import Wanted, mode_of
+from usdsplat.render.lights.needs import LightRequest, mode_of
 from usdsplat.render.sampling import has_lens
 from usdsplat.render.settings import RenderSettings, usd_names
 from usdsplat.render.specs import CameraSpec, View
@@ -123,7 +123,7 @@ def shadows(engine: Engine, plan: PicturePlan) -> Iterator[Finding]:
     estimated, and on each splat tree; a note where only the AOV is asked for, as among all AOVs."""
     is_lit, scene = plan.settings.lighting != "captured", engine.render_scene
     modes = {mode_of(field.spec, plan.settings) for field in scene.visible_fields()}
-    if not is_lit and not Wanted.of(plan.aovs).any and "relit" not in modes:
+    if not is_lit and not LightRequest.of(plan.aovs).any and "relit" not in modes:
         return
     severity = None if is_lit else NOTE
     if not scene.lights:

@@ -14,7 +14,7 @@ from usdsplat.images.cryptomatte import LAYERS, rank_pairs
 from usdsplat.kernels import cryptomatte, feature, light_parts, position, receivers, surface, total
 from usdsplat.kernels import median as median_kernels
 from usdsplat.render.frame_context import FrameContext, FrameSample
-from usdsplat.render.lights.needs import Wanted
+from usdsplat.render.lights.needs import LightRequest
 from usdsplat.render.matte_groups import MatteGroups
 from usdsplat.render.motion import Motion
 from usdsplat.render.occluders import Occluders
@@ -121,7 +121,7 @@ class AovResolver:
         if wanted & SUMMED:
             arrays |= self._features(left, wanted)
         arrays |= self.light_means(wanted, left)
-        if parts := Wanted.of(aovs).parts:
+        if parts := LightRequest.of(aovs).parts:
             layers = self._light_layers(parts, color)
             arrays |= composited_parts(self._frame, parts, layers, left, surfaces)
         for layer, groups in mattes.items():
@@ -140,7 +140,7 @@ class AovResolver:
         self._frame.clock.lap("blend")
         left = None if self._surfaces is None else self._left(color, through)
         albedo = self._tiles.sums("albedo") if "albedo" in wanted else None
-        parts = Wanted.of(aovs).parts
+        parts = LightRequest.of(aovs).parts
         lights = self._light_layers(parts, color) if parts else None
         ranked = {
             layer: self._matte(layer, groups, left, raw=True) for layer, groups in mattes.items()

@@ -45,7 +45,7 @@ from usdsplat.render.display import displayed
 from usdsplat.render.frame_context import FrameContext, FrameSample
 from usdsplat.render.group_gains import NO_GAINS
 from usdsplat.render.lights.lighting import lighting_of
-from usdsplat.render.lights.needs import Wanted, with_catchers
+from usdsplat.render.lights.needs import LightRequest, with_catchers
 from usdsplat.render.lights.paints import LightPaints
 from usdsplat.render.lod.nodes import samples_of
 from usdsplat.render.motion import Motion
@@ -156,7 +156,7 @@ def add_repeated(
     color = None if behind is None else behind.color
     arrays = means or {}
     if found.lights is not None:
-        parts = Wanted.of(aovs).parts
+        parts = LightRequest.of(aovs).parts
         arrays |= composited_parts(frame, parts, found.lights, found.left, behind)
     arrays["color"] = composited(frame, found.color, found.left, color)
     if found.albedo is not None:
@@ -268,7 +268,7 @@ def prepare(
             frame.stats.visible = splats.order.shape[0] // 2
         frame.clock.lap("display")
     paints, shadows = None, None
-    if Wanted.of(aovs).any:
+    if LightRequest.of(aovs).any:
         paints = LightPaints(
             device=frame.device, buffers=frame.buffers.splats, projector=projector,
             order=splats.order, lighting=lighting, blend_space=frame.blend_space,

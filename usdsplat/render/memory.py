@@ -26,7 +26,7 @@ from usdsplat.render.draw_list import DrawList, Group
 from usdsplat.render.frame import DEEP_PIXELS
 from usdsplat.render.frame_buffers import MATTES, FrameBuffers, SurfaceBuffers, TriangleBuffers
 from usdsplat.render.lights.memory import lighting_bytes, lighting_uses
-from usdsplat.render.lights.needs import Wanted, with_catchers
+from usdsplat.render.lights.needs import LightRequest, with_catchers
 from usdsplat.render.matte import is_matte
 from usdsplat.render.motion import FRAMES
 from usdsplat.render.scene import RenderScene
@@ -143,7 +143,7 @@ def estimate(
     laid = {id(group.cloud): len(group.cloud) for group in layout.groups}
     pixels, share = (end - begin) * (x1 - x0), min(1.0, UNEVEN * (end - begin) / (y1 - y0))
     sizes = _sizes(scene, settings, screen, (begin, end), share=share, threads=threads)
-    sizes = replace(sizes, light_parts=len(Wanted.of(request.aovs).parts))
+    sizes = replace(sizes, light_parts=len(LightRequest.of(request.aovs).parts))
     used = buffers_of(scene, view, settings, request)
     in_band = sum(each.touched_bytes(sizes) for name, each in used.items() if not _by_splat(name))
     by_splat = sum(each.touched_bytes(sizes) for name, each in used.items() if _by_splat(name))

@@ -31,7 +31,7 @@ from usdsplat.render.lights.gains import (
 )
 from usdsplat.render.lights.light_maps import LightMaps, Receivers, by_pixel
 from usdsplat.render.lights.light_store import LightStore
-from usdsplat.render.lights.needs import NOTHING_WANTED, Wanted, is_needed, mode_of
+from usdsplat.render.lights.needs import NO_LIGHT, LightRequest, is_needed, mode_of
 from usdsplat.render.lights.specs import LightSpec
 from usdsplat.render.matte import is_matte
 from usdsplat.render.rasterizer import Rasterizer
@@ -74,7 +74,7 @@ class Lighting:
         scene: RenderScene,
         view: View,
         layout: DrawList,
-        wanted: Wanted = NOTHING_WANTED,
+        wanted: LightRequest = NO_LIGHT,
     ) -> None:
         self._rasterizer, self._device = rasterizer, rasterizer.device
         self._buffers = buffers
@@ -394,4 +394,4 @@ def lighting_of(
     """Return the light of a sample; None if nothing of the picture depends on it."""
     if not is_needed(scene, settings, aovs):
         return None
-    return Lighting(rasterizer, buffers, settings, scene, view, layout, Wanted.of(aovs))
+    return Lighting(rasterizer, buffers, settings, scene, view, layout, LightRequest.of(aovs))

@@ -7,7 +7,7 @@ from collections.abc import Set as AbstractSet
 from usdsplat.kernels import lighting
 from usdsplat.render.fields import Field
 from usdsplat.render.lights.light_maps import KEPT_BYTES
-from usdsplat.render.lights.needs import Wanted, is_needed, mode_of, receives, with_catchers
+from usdsplat.render.lights.needs import LightRequest, is_needed, mode_of, receives, with_catchers
 from usdsplat.render.lights.specs import LightSpec
 from usdsplat.render.scene import RenderScene
 from usdsplat.render.settings import RenderSettings
@@ -30,7 +30,7 @@ def lighting_uses(
     scene: RenderScene, view: View, settings: RenderSettings, aovs: AbstractSet[str]
 ) -> list[Use]:
     """Return the buffers of a frame that lighting uses, see `memory.buffers_of`."""
-    is_lit, wanted = is_needed(scene, settings, aovs), Wanted.of(aovs)
+    is_lit, wanted = is_needed(scene, settings, aovs), LightRequest.of(aovs)
     ratios, parts, sampled = is_lit and wanted.shadow, bool(wanted.parts), settings.samples > 1
     casts = (is_lit and wanted.everything) or settings.lighting != "captured"
     meshes = is_lit and bool(scene.drawn_meshes())
@@ -59,7 +59,7 @@ def lighting_bytes(
     """Return the bytes of receivers, and those of depth maps, which are kept up to a limit."""
     if not is_needed(scene, settings, aovs):
         return 0, 0
-    wanted, count = Wanted.of(aovs), len(scene.named_lights)
+    wanted, count = LightRequest.of(aovs), len(scene.named_lights)
     fields = [f for f in scene.visible_fields() if wanted.everything or receives(f.spec, settings)]
     receivers = sum(len(field.instances) * len(field.spec.cloud) for field in fields)
     relit = [field for field in fields if mode_of(field.spec, settings) == "relit"]

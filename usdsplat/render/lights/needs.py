@@ -12,7 +12,7 @@ from usdsplat.render.specs import FieldSpec, View
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Wanted:
+class LightRequest:
     """AOVs of light of a picture."""
 
     shadow: bool = False
@@ -21,7 +21,7 @@ class Wanted:
     """AOVs of light groups."""
 
     @classmethod
-    def of(cls, aovs: Iterable[str]) -> Wanted:
+    def of(cls, aovs: Iterable[str]) -> LightRequest:
         """Return those among all AOVs of a picture."""
         names = tuple(aovs)
         return cls(
@@ -41,7 +41,7 @@ class Wanted:
         return self.everything or bool(self.parts)
 
 
-NOTHING_WANTED = Wanted()
+NO_LIGHT = LightRequest()
 
 
 def receives(spec: FieldSpec, settings: RenderSettings) -> bool:
@@ -60,7 +60,7 @@ def is_needed(scene: RenderScene, settings: RenderSettings, aovs: Iterable[str])
     lights = scene.named_lights.values()
     if not lights:
         return False
-    if settings.lighting != "captured" or Wanted.of(aovs).any:
+    if settings.lighting != "captured" or LightRequest.of(aovs).any:
         return True
     shadowed = any(receives(field.spec, settings) for field in scene.visible_fields())
     return shadowed or not all(light.is_plain for light in lights)
