@@ -23,6 +23,7 @@ from usdsplat.render.draw_list import DrawList, Group
 from usdsplat.render.frame_buffers import FrameBuffers
 from usdsplat.render.group_gains import Gains, GroupGains
 from usdsplat.render.lights.captured import estimate
+from usdsplat.render.lights.depth_map import MapBuffers
 from usdsplat.render.lights.gains import relit_gains, shadow_gains, summed
 from usdsplat.render.lights.light_maps import LightMaps, Maps, Receivers, by_pixel
 from usdsplat.render.lights.needs import is_needed, mode_of
@@ -111,7 +112,7 @@ class Lighting:
         self._maps = LightMaps(
             rasterizer=rasterizer, settings=settings, scene=scene, casters=self._casters,
             catches=self.catches, version=self._version, kept=self._store.maps,
-            meshes=self._store.meshes,
+            meshes=self._store.meshes, buffers=MapBuffers(rasterizer.device.resident),
         )  # fmt: skip
         self._is_shadowed = settings.lighting != "captured"
         self.gains, self.ratios = self._of_splats()
