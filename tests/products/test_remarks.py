@@ -7,6 +7,7 @@ import pytest
 from pxr import Sdf, Usd, UsdGeom, UsdLux
 
 from tests.cli.test_render import SMALL
+from tests.delegate.tree_stages import tree_stage
 from usdsplat import procedural_capture, schema
 
 pytestmark = pytest.mark.usefixtures("compiled")
@@ -67,6 +68,22 @@ def test_shadows_of_a_stage_without_lights_are_a_finding(run, shot, tmp_path):
     assert "[no-lights]" not in run("render", shot, *output)[2]
     change(shot, lambda s: UsdLux.DistantLight.Define(s, "/World/Sun"))
     assert "[no-lights]" not in run("render", shot, *output, "--lighting", "shadowed")[2]
+
+
+def test_a_relit_tree_has_the_notes_of_a_field(run, tmp_path):
+    """Oracle: one line on its estimated light; none in shadows, or with a light that is named."""
+    stage, _ = tree_stage(tmp_path)
+    UsdLux.DistantLight.Define(stage, "/World/Sun")
+    stage.Save()
+    shot = tmp_path / "tree.usda"
+    output = ("-o", tmp_path / "a.exr", *SMALL)
+    assert run("render", shot, *output, "--lighting", "shadowed")[2] == ""
+    status, _, err = run("render", shot, *output, "--lighting", "relit")
+    assert status == 0 and err.count("[estimated-light] /World/Tree") == 1
+    prim = stage.GetPrimAtPath("/World/Tree")
+    prim.CreateRelationship("splat:lighting:captured").SetTargets(["/World/Sun"])
+    stage.Save()
+    assert run("render", shot, *output, "--lighting", "relit")[2] == ""
 
 
 def test_a_light_of_photographs_inside_an_instance_is_a_finding(run, tmp_path):

@@ -10,6 +10,7 @@ import pytest
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdLux
 
 from tests.delegate.surface_stages import add_light
+from tests.delegate.tree_stages import tree_stage
 from usdsplat import procedural_capture, schema
 from usdsplat.delegate.engine import Engine
 from usdsplat.render.lights.dome import peak_lights
@@ -212,6 +213,24 @@ def test_a_catcher_and_the_mode_of_a_field_are_read() -> None:
         engine.sync()
         assert engine.render_scene.catchers() == {"/Splats", "/Cube"}
         assert engine.render_scene.visible_fields()[0].spec.lighting == "shadowed"
+
+
+def test_the_mode_of_a_tree_and_its_light_of_photographs_are_read(tmp_path) -> None:
+    """Oracle: the token, the path of the hidden light, and the catcher; edits are seen."""
+    stage, _ = tree_stage(tmp_path)
+    UsdLux.DistantLight.Define(stage, "/Set").MakeInvisible()
+    with Engine(stage) as engine:
+        [(_, tree)] = engine.render_scene.drawn_trees()
+        assert (tree.spec.lighting, tree.spec.captured_lights) == ("auto", ())
+        prim = stage.GetPrimAtPath("/World/Tree")
+        prim.CreateAttribute("splat:lighting", Sdf.ValueTypeNames.Token).Set("relit")
+        prim.CreateRelationship("splat:lighting:captured").SetTargets(["/Set"])
+        prim.AddAppliedSchema("SplatShadowCatcherAPI")
+        engine.sync()
+        [(_, tree)] = engine.render_scene.drawn_trees()
+        assert (tree.spec.lighting, tree.spec.captured_lights) == ("relit", ("/Set",))
+        assert engine.render_scene.catchers() == {"/World/Tree"}
+        assert engine.render_scene.light("/Set") is not None
 
 
 def sky_picture(folder, name="sky.exr", *, spot=(0.5, 0.5), edit=lambda pixels: None):

@@ -160,12 +160,6 @@ CODES: dict[str, Code] = {
         "name a light outside of the instances, or make them not instanceable",
         "all instances have been photographed in this one light, which does not turn with them",
     ),
-    "unlit-tree": Code(
-        "warning",
-        "shadows are requested of a splat tree",
-        "convert the part that matters to a field with usdsplat convert",
-        "it neither casts nor receives shadows",
-    ),
     "outside-range": Code(
         "note",
         "a frame to draw is outside of the range from the stage's startTimeCode to its endTimeCode",
