@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import OpenImageIO as oiio
 import pytest
-from pxr import Sdf, Usd, UsdGeom, UsdLux
+from pxr import Sdf, Usd, UsdGeom, UsdLux, UsdRender
 
 from tests.cli.test_render import SMALL
 from tests.delegate.tree_stages import tree_stage
@@ -117,3 +117,34 @@ def test_a_catcher_must_be_a_prim(run, shot, tmp_path):
     assert run("render", shot, *output, "--catcher", "/World/Ball")[0] == 0
     pixels = oiio.ImageBuf(str(tmp_path / "a.exr")).get_pixels(oiio.FLOAT)
     assert not pixels[..., :4].any() and (pixels[..., 4:] == 1).all()
+
+
+def test_a_collection_of_the_settings_relights_one_field(run, shot, tmp_path):
+    """Oracle: the finding names that field alone; instances in two collections are a finding."""
+    output = ("-o", tmp_path / "a.exr", *SMALL)
+
+    def edit(stage):
+        UsdLux.DistantLight.Define(stage, "/World/Sun")
+        for name in ("One", "Two"):
+            prim = stage.DefinePrim(f"/World/{name}")
+            prim.GetReferences().AddInternalReference("/World/Ball")
+        settings = UsdRender.Settings.Define(stage, "/Render/Settings")
+        product = UsdRender.Product.Define(stage, "/Render/Product")
+        settings.CreateProductsRel().SetTargets([product.GetPath()])
+        relit = Usd.CollectionAPI.Apply(settings.GetPrim(), "lightRelit")
+        relit.CreateIncludesRel().SetTargets(["/World/One"])
+
+    change(shot, edit)
+    err = run("render", shot, *output)[2]
+    assert err.count("[estimated-light]") == err.count("[estimated-light] /World/One") == 1
+
+    def instance(stage):
+        for name in ("One", "Two"):
+            prim = stage.GetPrimAtPath(f"/World/{name}")
+            prim.GetReferences().SetReferences([Sdf.Reference(primPath="/Source")])
+            prim.SetInstanceable(True)
+        stage.DefinePrim("/Source/Splats").GetReferences().AddInternalReference("/World/Ball")
+
+    change(shot, instance)
+    err = run("render", shot, *output)[2]
+    assert err.count("[split-lighting]") == 1 and "captured and relit" in err

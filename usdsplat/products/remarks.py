@@ -14,9 +14,10 @@ from usdsplat.products.request import PicturePlan
 from usdsplat.render.draw_list import ELEMENT_IDS
 from usdsplat.render.fields import Field
 from usdsplat.render.frame_stats import FrameStats
-from usdsplat.render.lights.needs import mode_of
+from usdsplat.render.lights.needs import drawn_things, mode_of, modes_asked
 from usdsplat.render.lod.tree import Tree
 from usdsplat.render.sampling import has_lens
+from usdsplat.render.scene import RenderScene
 from usdsplat.render.settings import RenderSettings, usd_names
 from usdsplat.render.specs import CameraSpec, View
 
@@ -123,9 +124,12 @@ def shadows(engine: Engine, plan: PicturePlan) -> Iterator[Finding]:
     """Yield a finding if a picture with shadows has no lights, and on each relit field or tree with
     an estimated light; a note where only the AOV is asked for, as among all AOVs."""
     is_lit, scene = plan.settings.lighting != "captured", engine.render_scene
-    splats: dict[str, Field | Tree] = {path: field for path, field, _ in scene.drawn()}
-    splats |= dict(scene.drawn_trees())
-    relit = {p: e for p, e in splats.items() if mode_of(e.spec, plan.settings) == "relit"}
+    modes = {
+        path: (mode_of(each, plan.settings, plan.light_rules), each)
+        for path, each in sorted(drawn_things(scene).items())
+    }
+    relit = {path: each for path, (mode, each) in modes.items() if mode == "relit"}
+    yield from _split_lighting(scene, plan)
     if not is_lit and "shadow" not in plan.aovs and not relit:
         return
     if not scene.lights:
@@ -133,10 +137,20 @@ def shadows(engine: Engine, plan: PicturePlan) -> Iterator[Finding]:
         severity = None if is_lit else NOTE
         yield finding("no-lights", where, "no lights", expected, severity=severity)
         return
-    for path, each in sorted(relit.items()):
+    for path, each in relit.items():
         if not any(scene.light(light) for light in each.spec.captured_lights):
             yield estimated_light(path)
         yield from _instanced_lights(path, each)
+
+
+def _split_lighting(scene: RenderScene, plan: PicturePlan) -> Iterator[Finding]:
+    """Yield a finding on each field or tree with instances of which the picture asks different
+    light."""
+    for path, each in sorted(drawn_things(scene).items()):
+        asked = modes_asked(each, plan.settings, plan.light_rules)
+        if len(asked) > 1:
+            found = f"instances that are {' and '.join(sorted(asked))}"
+            yield finding("split-lighting", path, found, "one light for all")
 
 
 def _instanced_lights(path: str, field: Field | Tree) -> Iterator[Finding]:

@@ -253,7 +253,7 @@ def test_the_memory_of_relit_splats_counts_the_light_of_photographs(named):
         store = renderer._idle[0].lights
         kept = [each[1] for each in (*store.sums.values(), *store.estimates.values())]
         bytes_kept = sum(int(np.prod(each.shape)) * 4 for each in kept)
-        found[mode] = bytes_kept, lighting_bytes(scene, settings, {"color"})
+        found[mode] = bytes_kept, lighting_bytes(scene, view_from_above(), settings, {"color"})
     more_kept = found["relit"][0] - found["shadowed"][0]
     assert more_kept >= 400 * 4 * 6
     assert found["relit"][1][0] - found["shadowed"][1][0] >= more_kept

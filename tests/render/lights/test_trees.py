@@ -150,6 +150,22 @@ def test_a_coarser_cut_is_lit_nearly_as_the_leaves(monkeypatch, most):
     assert error.max() < 0.1 and error.mean() < 0.02
 
 
+def test_rules_of_the_picture_choose_the_mode_of_a_tree():
+    """Oracle: the picture in that mode, bit for bit."""
+    tree, view = ball_tree(), view_from_above()
+    ruled = replace(view, light_rules=(("relit", (("/tree", True),)),))
+    found = picture(tree_scene_with_sun(tree), ruled, aovs=("color",), **LEAVES)
+    relit = {**LEAVES, "lighting": "relit"}
+    expected = picture(tree_scene_with_sun(tree), view, aovs=("color",), **relit)
+    np.testing.assert_array_equal(found["color"], expected["color"])
+
+
+def tree_scene_with_sun(tree):
+    scene = tree_scene(tree, HERE)
+    scene.set_light("/sun", SUN)
+    return scene
+
+
 def test_light_of_nodes_is_kept_while_the_camera_moves():
     """Oracle: the sums of a node are the same objects, though its place in the layout changes; the
     picture is that of a new renderer."""
@@ -283,4 +299,4 @@ def test_the_memory_of_lit_trees_is_estimated_without_reading_them():
     [lit] = store.trees.lit.values()
     arrays += sum(each.normals.nbytes + each.facts.nbytes for _, each in lit.nodes.values())
     assert sizes["relit"].splats - sizes["captured"].splats >= arrays
-    assert lighting_bytes(RenderScene(), settings, {"color"}) == (0, 0)
+    assert lighting_bytes(RenderScene(), view, settings, {"color"}) == (0, 0)

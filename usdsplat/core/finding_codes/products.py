@@ -160,6 +160,12 @@ CODES: dict[str, Code] = {
         "name a light outside of the instances, or make them not instanceable",
         "all instances have been photographed in this one light, which does not turn with them",
     ),
+    "split-lighting": Code(
+        "warning",
+        "native instances of one field or tree are in collections of different light",
+        "put them in one collection, or make them not instanceable",
+        "all of them have the light of the first one",
+    ),
     "outside-range": Code(
         "note",
         "a frame to draw is outside of the range from the stage's startTimeCode to its endTimeCode",

@@ -19,7 +19,7 @@ import numpy.typing as npt
 from usdsplat.core.cloud import F32, I32
 from usdsplat.kernels import lighting, receivers, total
 from usdsplat.kernels.points.curve_order import curve_order
-from usdsplat.render.draw_list import DrawList
+from usdsplat.render.draw_list import DrawList, Group
 from usdsplat.render.frame_buffers import FrameBuffers
 from usdsplat.render.group_gains import Gains, GroupGains
 from usdsplat.render.lights.captured import CapturedLight, estimate
@@ -88,10 +88,10 @@ class Lighting:
             buffers.lights = LightStore()
         self._store: LightStore = buffers.lights
         self._settings, self._scene = settings, scene
-        self._catchers = view.catchers
+        self._catchers, self._rules = view.catchers, view.light_rules
         self._layout, self._wants_ratios = layout, wants_ratios
         self._cast = Casters(scene.drawn(), scene.draw_list(settings.splat_budget), {})
-        if wants_ratios or has_shadows(scene, settings):
+        if wants_ratios or has_shadows(scene, view, settings):
             self._cast = casters_of(scene, settings, self._store.trees)
         self._casters = self._cast.layout
         self._version = (
@@ -183,7 +183,7 @@ class Lighting:
         """Return the gains of lit groups, and the ratios of all groups if they are needed."""
         lights, store = self._scene.named_lights, self._store
         drawn, own = self._layout.groups, self._settings.self_shadows
-        modes = {group.slot: mode_of(group.field.spec, self._settings) for group in drawn}
+        modes = {group.slot: self._mode(group) for group in drawn}
         groups = [g for g in drawn if modes[g.slot] != "captured" or self._wants_ratios]
         targets: list[Target] = []
         if lights:
@@ -207,6 +207,11 @@ class Lighting:
         store.estimates = {k: each for k, each in store.estimates.items() if k in keys}
         store.gains = {k: each for k, each in store.gains.items() if k[0] in keys}
         return lit, ratios
+
+    def _mode(self, group: Group) -> str:
+        """Return the light of the splats of a group; of nodes, that of their tree."""
+        tree = self._scene.tree(group.field.tree) if group.field.is_node else None
+        return mode_of(tree or group.field, self._settings, self._rules)
 
     def _receive(
         self, path: str, light: LightSpec, targets: Sequence[Target], *, casts: bool
@@ -353,7 +358,7 @@ def lighting_of(
     aovs: Sequence[str],
 ) -> Lighting | None:
     """Return the light of a sample; None if nothing of the picture depends on it."""
-    if not is_needed(scene, settings, aovs):
+    if not is_needed(scene, view, settings, aovs):
         return None
     wants = "shadow" in aovs
     return Lighting(rasterizer, buffers, settings, scene, view, layout, wants_ratios=wants)

@@ -40,7 +40,7 @@ def lighting_uses(
     scene: RenderScene, view: View, settings: RenderSettings, aovs: AbstractSet[str]
 ) -> list[Use]:
     """Return the buffers of a frame that lighting uses, see `memory.buffers_of`."""
-    is_lit = is_needed(scene, settings, aovs)
+    is_lit = is_needed(scene, view, settings, aovs)
     ratios = is_lit and "shadow" in aovs
     casts = ratios or settings.lighting != "captured"
     meshes = is_lit and bool(scene.drawn_meshes())
@@ -58,16 +58,17 @@ def lighting_uses(
 
 
 def lighting_bytes(
-    scene: RenderScene, settings: RenderSettings, aovs: AbstractSet[str]
+    scene: RenderScene, view: View, settings: RenderSettings, aovs: AbstractSet[str]
 ) -> tuple[int, int]:
     """Return the bytes of receivers, but nodes of trees, and those of depth maps, which are kept up
     to a limit."""
-    if not is_needed(scene, settings, aovs):
+    if not is_needed(scene, view, settings, aovs):
         return 0, 0
     wants = "shadow" in aovs
-    fields = [f for f in scene.visible_fields() if wants or receives(f.spec, settings)]
+    fields = [f for f in scene.visible_fields() if wants or receives(f, settings, view.light_rules)]
     receivers = sum(len(field.instances) * len(field.spec.cloud) for field in fields)
-    relit = [field for field in fields if mode_of(field.spec, settings) == "relit"]
+    rules = view.light_rules
+    relit = [field for field in fields if mode_of(field, settings, rules) == "relit"]
     photographed = [_captured(scene, field) for field in relit]
     own, guessed = 0, 0
     for field, lights in zip(relit, photographed, strict=True):
@@ -79,7 +80,7 @@ def lighting_bytes(
         guessed = max(guessed, 0 if lights else splats)
     own += ESTIMATE * guessed
     casters = scene.draw_list(settings.splat_budget).slots
-    if wants or has_shadows(scene, settings):
+    if wants or has_shadows(scene, view, settings):
         more, kept = _of_cuts(scene, settings)
         casters, own = casters + more, own + kept
     pixels = settings.shadow_resolution**2 if scene.drawn_meshes() else 0
@@ -92,16 +93,16 @@ def lighting_bytes(
 
 
 def node_bytes(
-    scene: RenderScene, settings: RenderSettings, aovs: AbstractSet[str], splats: int
+    scene: RenderScene, view: View, settings: RenderSettings, aovs: AbstractSet[str], splats: int
 ) -> int:
     """Return the bytes of so many splats of nodes of trees as receivers."""
-    if not is_needed(scene, settings, aovs):
+    if not is_needed(scene, view, settings, aovs):
         return 0
-    specs = [tree.spec for _, tree in scene.drawn_trees()]
-    if "shadow" not in aovs and not any(receives(spec, settings) for spec in specs):
+    rules = view.light_rules
+    modes = {mode_of(tree, settings, rules) for _, tree in scene.drawn_trees()}
+    if "shadow" not in aovs and modes == {"captured"}:
         return 0
-    relit = any(mode_of(spec, settings) == "relit" for spec in specs)
-    return splats * (RECEIVER + NORMAL + _sums(scene) * (1 + relit))
+    return splats * (RECEIVER + NORMAL + _sums(scene) * (1 + ("relit" in modes)))
 
 
 def _of_cuts(scene: RenderScene, settings: RenderSettings) -> tuple[int, int]:

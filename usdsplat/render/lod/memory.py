@@ -75,7 +75,7 @@ def estimate(
         return found
     load = view_load(scene, view, settings)
     more = max(0, load.bytes - scene.node_cache.bytes)
-    lit = node_bytes(scene, settings, set(request.aovs), load.splats)
+    lit = node_bytes(scene, view, settings, set(request.aovs), load.splats)
     buffers = request.pictures * (load.splats * PER_SPLAT + lit)
     x0, _, x1, _ = view.framing.window
     band = request.pictures * found.rows * (x1 - x0) * PER_PIXEL
