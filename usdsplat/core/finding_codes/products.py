@@ -181,8 +181,8 @@ CODES: dict[str, Code] = {
     # --- names ---
     "unknown-name": Code(
         "warning",
-        "a property in the namespace splat: or splatSim:, or an input of a shader, has an unknown "
-        "name",
+        "a property in the namespace splat: or splatSim:, or an input of a light or shader, has an "
+        "unknown name",
         "correct the name, or remove the property",
     ),
 }
