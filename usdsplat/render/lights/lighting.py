@@ -47,6 +47,8 @@ NO_RATIOS: F32 = np.empty((0, 3), np.float32)
 class LightStore:
     """What lighting keeps between pictures."""
 
+    version: Any = None
+    """What light depended on in the last picture, besides lights and receivers."""
     maps: Maps = field(default_factory=OrderedDict)
     sums: dict[tuple[Key, str], tuple[Any, Any]] = field(default_factory=dict)
     """Receivers and path of a light -> what the sums depend on, and the sums."""
@@ -103,6 +105,9 @@ class Lighting:
                 settings.dome_samples,
             ),
         )  # fmt: skip
+        if self._version == self._store.version:
+            self._version = self._store.version  # one object is compared quickly
+        self._store.version = self._version
         self._maps = LightMaps(
             rasterizer=rasterizer, settings=settings, scene=scene, casters=self._casters,
             catches=self.catches, version=self._version, kept=self._store.maps,
