@@ -259,6 +259,23 @@ def _pruned(tree, first):
     return add_splats(scene, "/tree", cloud)
 
 
+def test_the_cuts_of_all_trees_share_a_number_of_splats():
+    """Oracle: 2^18 for one tree, 2^20 for all instances, and no more than the budget."""
+    tree = made(1, n=100, degree=0)
+    for count, budget, expected in (
+        (1, 0, 1 << 18),
+        (8, 0, 1 << 17),
+        (1, 5000, 5000),
+        (4, 200, 50),
+    ):
+        scene = tree_scene(tree, *(moved(index, 2.0 * index) for index in range(count)))
+        assert trees.cut_size(scene, settings_of(splat_budget=budget)) == expected
+    scene.set_light("/sun", SUN)
+    found = trees.casters_of(scene, settings_of(splat_budget=200), trees.TreeStore())
+    assert len(found.trees["/tree"].splats.spec.cloud) <= 50
+    assert found.layout.splats == 4 * len(found.trees["/tree"].splats.spec.cloud)
+
+
 def test_values_are_looked_up_at_the_nearest_splats():
     """Oracle: a splat's own values at its centre, and the inverse squared distances between."""
     rng = np.random.default_rng(0)

@@ -15,6 +15,7 @@ from usdsplat import schema
 from usdsplat.core.findings import Finding, finding
 from usdsplat.render.settings import usd_names
 from usdsplat.schema import tokens
+from usdsplat.schema.tree import is_tree
 
 DRAWING = "splat:"
 SIMULATION = "splatSim:"
@@ -47,7 +48,7 @@ def unknown_names(prim: Usd.Prim, names: list[str]) -> Iterator[Finding]:
     for name in names:
         if name.startswith(DRAWING) and name not in KNOWN:
             yield _unknown(prim, name, sorted(KNOWN))
-        elif name in LIGHTING and not (schema.is_splat_field(prim) or _is_of_settings(prim)):
+        elif name in LIGHTING and not _has_light(prim):
             yield finding("unused", f"{prim.GetPath()}.{name}", "no splat field", "it on the field")
         elif name.startswith("collection:"):
             collection, _, rest = name.removeprefix("collection:").partition(":")
@@ -102,9 +103,10 @@ def _unknown(prim: Usd.Prim, name: str, known: list[str]) -> Finding:
     return finding("unknown-name", f"{prim.GetPath()}.{name}", "an unknown property", expected)
 
 
-def _is_of_settings(prim: Usd.Prim) -> bool:
-    """Return whether a prim may have the light of a whole picture."""
-    return any(prim.IsA(each) for each in (UsdRender.Settings, UsdRender.Product))
+def _has_light(prim: Usd.Prim) -> bool:
+    """Return whether a prim has light of splats: its own, or that of a picture."""
+    is_of_picture = any(prim.IsA(each) for each in (UsdRender.Settings, UsdRender.Product))
+    return is_of_picture or schema.is_splat_field(prim) or is_tree(prim)
 
 
 def _is_simulated(prim: Usd.Prim, names: list[str]) -> bool:
