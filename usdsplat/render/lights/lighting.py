@@ -108,10 +108,12 @@ class Lighting:
                 settings.dome_samples,
             ),
         )  # fmt: skip
+        catchers = view.catchers
+        # a function without self, which would keep all buffers until garbage is collected
         self._maps = LightMaps(
             rasterizer=rasterizer, settings=settings, scene=scene, casters=self._casters,
-            catches=self.catches, version=self._version, kept=self._store.maps,
-            meshes=self._store.meshes,
+            catches=lambda path: is_matte(path, catchers), version=self._version,
+            kept=self._store.maps, meshes=self._store.meshes,
         )  # fmt: skip
         self._is_shadowed = settings.lighting != "captured"
         self.gains, self.ratios = self._of_splats()
