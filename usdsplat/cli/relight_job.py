@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from usdsplat.cli import bundles
-from usdsplat.cli.job_options import COLD, TURNS, JobOptions, JobRunner, environments, of_task
+from usdsplat.cli.job_options import COLD, JobOptions, JobRunner, environments, of_task
 from usdsplat.cli.relight_options import Options
 from usdsplat.cli.reporting import Reporter, ReportingOptions
 from usdsplat.cli.words import words_of
@@ -86,12 +86,15 @@ def run_tasks(
         UsageError: If the captured HDRI cannot be read.
         JobError: If a task fails.
     """
+    from usdsplat.jobs.frames import TURNS
+
     _check_picture(options)
-    chunk = options.job.chunk or max(1, len(work) // (len(runner) * TURNS))
+    chunk = options.job.chunk
+    parts = min(len(work), len(runner) * TURNS) if chunk is None else _parts(work, chunk)
     if len(work) == 1:
         reporter.remark("the stage is lit at one time only, so the job is one task")
     reporting = replace(of_task(options.reporting), strict=False)  # what all find is judged here
-    job = _job(_task(options, device, reporting, json=True), work, chunk, device)
+    job = _job(_task(options, device, reporting, json=True), parts, device)
     messages = Findings()
     with closing(runner.run(job, findings=messages)) as ended:
         for _ in ended:
@@ -133,7 +136,7 @@ def write_bundle(
     )
     task = _task(there, device, bundles.on_a_farm(options.reporting), json=False)
     chunk = options.job.chunk or max(COLD, -(-len(work) // MOST_VALUES))
-    job = _job(task, work, chunk, device, finishes=True)
+    job = _job(task, _parts(work, chunk), device, finishes=True)
     bundle = Bundle(
         folder=folder, source=source, results="layer", inputs=bundles.existing([session])
     )
@@ -160,11 +163,13 @@ def _task(
     return ("relight", *words_of(plain))
 
 
-def _job(
-    task: tuple[str, ...], work: Relighting, chunk: int, device: str, *, finishes: bool = False
-) -> Job:
-    """Return the job whose tasks light at most `chunk` times each."""
+def _parts(work: Relighting, chunk: int) -> int:
+    """Return the number of parts that have at most `chunk` times each."""
+    return -(-len(work) // chunk)
+
+
+def _job(task: tuple[str, ...], parts: int, device: str, *, finishes: bool = False) -> Job:
+    """Return the job of a command."""
     from usdsplat.jobs.relights import relight_job
 
-    parts = -(-len(work) // chunk)
     return relight_job(task, parts=parts, uses_gpu=device == CUDA, finishes=finishes)
