@@ -109,10 +109,13 @@ class Lighting:
         if self._version == self._store.version:
             self._version = self._store.version  # one object is compared quickly
         self._store.version = self._version
+        catchers = view.catchers
+        # a function without self, which would keep all buffers until garbage is collected
         self._maps = LightMaps(
             rasterizer=rasterizer, settings=settings, scene=scene, casters=self._casters,
-            catches=self.catches, version=self._version, kept=self._store.maps,
-            meshes=self._store.meshes, buffers=MapBuffers(rasterizer.device.resident),
+            catches=lambda path: is_matte(path, catchers), version=self._version,
+            kept=self._store.maps, meshes=self._store.meshes,
+            buffers=MapBuffers(rasterizer.device.resident),
         )  # fmt: skip
         self._is_shadowed = settings.lighting != "captured"
         self.gains, self.ratios = self._of_splats()
