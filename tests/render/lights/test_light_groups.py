@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tests.render import everything
 from tests.render.lights.light_scenes import add_splats, cloud_of
 from tests.render.lights.test_shadows import SUN, WHITE, dimmed_scene, quad, view_from_above
 from tests.render.rendering import lens, picture, random_cloud, settings_of, view_of
@@ -284,3 +285,13 @@ def test_a_field_that_keeps_its_light_is_captured_beside_a_lit_one():
     assert alone["color"][at][3] > 0.99
     np.testing.assert_allclose(found[CAPTURED][at], alone["color"][at][:3], atol=5e-3)
     assert found["light_key"][at].max() < 5e-3 < found["light_key"].max()
+
+
+@pytest.mark.parametrize("name", ["light groups", "light groups and samples"])
+def test_parts_of_trees_blur_and_textures_add_up(name):
+    """Oracle: the beauty of the scene with every feature, a splat tree among them."""
+    case = everything.CASES[name]
+    found = everything.drawn(open_device(), case, size=(64, 48), splats=120)
+    parts = [found[each] for each in case.aovs if each.startswith("light_")]
+    assert len(parts) == 3 and all(each.any() for each in parts)
+    np.testing.assert_allclose(sum(parts), found["color"][..., :3], atol=2e-5)
