@@ -201,3 +201,15 @@ def test_a_job_that_is_killed_goes_on(pushed, tmp_path, run_json, seed):
         client.wait()
     subprocess.run([*command, "--resume"], check=True, timeout=300)
     assert files(tmp_path / "job") == files(tmp_path / "once")
+
+
+def test_a_wedge_is_checked_before_its_workers_start(run, pushed, tmp_path, monkeypatch):
+    """Oracle: by hand: a bake that exists, one that goes on, frames with a gap."""
+    (tmp_path / "b_settle-omega=2.usda").write_text("")
+    words = ("simulate", pushed, "-o", tmp_path / "b.usda", "--jobs", "2")
+    monkeypatch.setattr(JobRunner, "__enter__", lambda self: pytest.fail("workers start"))
+    status, _, err = run(*words, "--wedge", "settle:omega=1,2")
+    assert status == 2
+    assert err.endswith("b_settle-omega=2.usda: found a file, expected a new name, or --resume\n")
+    status, _, err = run(*words, "--frames", "1,3")
+    assert status == 2 and "found 1,3, expected every frame from one to another" in err

@@ -50,19 +50,21 @@ notes:
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from usdsplat.cli import console, edit_flags
 from usdsplat.cli.arguments import given
-from usdsplat.cli.convert_job import check_job, run_as_job
+from usdsplat.cli.convert_job import check_job, is_divisible, run_as_job
 from usdsplat.cli.convert_options import Options, check, switches
 from usdsplat.cli.edit_flags import edits_of
 from usdsplat.cli.job_options import check_jobs
 from usdsplat.cli.reporting import Reporter
+from usdsplat.cli.sharing import SharedPace, WorthSharing, capacity, may_share, shared
 from usdsplat.cli.stage_options import StageOptions
 from usdsplat.cli.values import resolution_of, time_code
 from usdsplat.core.errors import UsageError
@@ -72,6 +74,7 @@ from usdsplat.core.text import shown
 from usdsplat.core.wording import counted, said_bytes
 
 if TYPE_CHECKING:
+    from usdsplat.core.edits import Edit
     from usdsplat.delegate.scene_delegate import Stage
     from usdsplat.interchange.converting import Report
     from usdsplat.interchange.options import ExportOptions, ImportOptions, SequenceOptions
@@ -91,9 +94,6 @@ def arranged(words: Sequence[str]) -> list[str]:
 
 def run(options: Options, reporter: Reporter) -> int:
     """Convert the files and print a report."""
-    from usdsplat.interchange import ImportReport, convert
-    from usdsplat.products.page import is_page, write_page
-
     if not options.others:
         raise UsageError("convert", "no OUT", "one; see 'usdsplat convert --help'")
     sources, target = [Path(options.source), *map(Path, options.others[:-1])], options.others[-1]
@@ -110,6 +110,30 @@ def run(options: Options, reporter: Reporter) -> int:
         if made_by_tasks is not None:
             _say(options, made_by_tasks, reporter)
         return 0
+    try:
+        report = _converted(options, sources, target, edits, reporter)
+    except WorthSharing as found:
+        return run(replace(options, job=shared(options.job, found.processes, reporter)), reporter)
+    _say(options, report, reporter)
+    return 0
+
+
+def _converted(
+    options: Options,
+    sources: Sequence[Path],
+    target: str,
+    edits: Sequence[Edit],
+    reporter: Reporter,
+) -> Report:
+    """Convert the files with this process.
+
+    Raises:
+        WorthSharing: If several processes should convert the frames of a sequence.
+    """
+    from usdsplat.interchange import ImportReport, convert
+    from usdsplat.products.page import is_page, write_page
+
+    compiled: Callable[[], float] = float
     with ExitStack() as during:
         stages = during.enter_context(
             _opened(sources, time_code(options.stage_input.frame), reporter)
@@ -119,10 +143,14 @@ def run(options: Options, reporter: Reporter) -> int:
         if reporter.findings.is_strict:
             during.enter_context(output_group())
         if any(edit.kind.compiles for edit in edits):
-            from usdsplat.kernels.compiling import on_compile
+            from usdsplat.kernels.compiling import compile_time, on_compile
 
             during.enter_context(on_compile(reporter.announce_compilation(_COMPILING)))
+            compiled = during.enter_context(compile_time())
         progress = during.enter_context(reporter.progress())
+        if is_divisible(options, target) and may_share(options.job, reporter):
+            here = partial(capacity, "cpu")
+            progress = SharedPace("frames", progress, here, compiled=compiled, again=True)
         made = _import_options(options)
         if is_page(target):
             report: Report = write_page(
@@ -148,8 +176,7 @@ def run(options: Options, reporter: Reporter) -> int:
         if not isinstance(report, ImportReport):
             reporter.findings.extend(report.findings)
         reporter.findings.check()
-    _say(options, report, reporter)
-    return 0
+    return report
 
 
 def _say(options: Options, report: Report, reporter: Reporter) -> None:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from usdsplat.cli import bundles
 from usdsplat.cli.convert_options import Options
 from usdsplat.cli.edit_flags import EditFlags, words_of_edits
-from usdsplat.cli.job_options import COLD, TURNS, JobOptions, JobRunner, environments, of_task
+from usdsplat.cli.job_options import COLD, JobOptions, JobRunner, environments, of_task
 from usdsplat.cli.reporting import Reporter, ReportingOptions
 from usdsplat.cli.words import words_of
 from usdsplat.core.errors import UsageError
@@ -23,22 +23,27 @@ if TYPE_CHECKING:
     from usdsplat.jobs.job import Job
 
 
+def is_divisible(options: Options, target: str) -> bool:
+    """Return whether frames are converted into files of their own, which others may see at once."""
+    from usdsplat.interchange.files import is_usd
+
+    is_sequence = has_place(target) and not is_usd(Path(target))
+    return is_sequence and not options.reporting.strict
+
+
 def check_job(options: Options, target: str) -> None:
     """Raise an error if a job does not convert frames side by side.
 
     Raises:
         UsageError: If the output is one file, or the job is to write all files or none.
     """
-    from usdsplat.interchange.files import is_usd
-
-    if not options.job.is_asked:
+    if not options.job.is_asked or is_divisible(options, target):
         return
-    if not has_place(target) or is_usd(Path(target)):
-        expected = "captures with a frame number, such as out.####.sog, which are made side by side"
-        raise UsageError(target, "one output of a job", expected)
     if options.reporting.strict:
         found = "it with --jobs, --dask or --openjd"
         raise UsageError("--strict", found, "one of them: tasks write files before others begin")
+    expected = "captures with a frame number, such as out.####.sog, which are made side by side"
+    raise UsageError(target, "one output of a job", expected)
 
 
 def run_as_job(
@@ -70,10 +75,11 @@ def run_as_job(
             return None
         for folder in {path.parent for path in frame_paths(Path(target), found)}:
             check_folder(folder)
-        chunk = options.job.chunk or max(1, len(found) // (len(runner) * TURNS))
         files = (options.source, *options.others)
         task = _task(options, files, of_task(options.reporting), json=True)
-        return _joined(options, target, list(runner.run(_job(task, found, chunk))))
+        return _joined(
+            options, target, list(runner.run(_job(task, found, options.job.chunk, len(runner))))
+        )
 
 
 def _task(
@@ -93,10 +99,12 @@ def _task(
     return ("convert", *words_of(plain), *words_of_edits(options.edit))
 
 
-def _job(command: tuple[str, ...], frames: Sequence[float], chunk: int) -> Job:
+def _job(
+    command: tuple[str, ...], frames: Sequence[float], chunk: int | None, workers: int = 1
+) -> Job:
     from usdsplat.jobs.frames import frames_job
 
-    return frames_job(command, frames, name="convert", chunk=chunk)
+    return frames_job(command, frames, name="convert", chunk=chunk, workers=workers)
 
 
 def _write_bundle(

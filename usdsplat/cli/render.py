@@ -41,10 +41,11 @@ notes:
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, replace
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from usdsplat import images
 from usdsplat.cli import console
@@ -54,6 +55,7 @@ from usdsplat.cli.job_options import JobRunner, check_jobs, environments
 from usdsplat.cli.render_job import as_task, ends_of, run_as_job, say_end
 from usdsplat.cli.render_options import Options
 from usdsplat.cli.reporting import Reporter
+from usdsplat.cli.sharing import Pace, capacity, may_share, shared
 from usdsplat.cli.values import aovs_of, bytes_of, crop_of, names_of, overscan_of, resolution_of
 from usdsplat.core.errors import UsageError
 from usdsplat.core.folders import check_folder
@@ -72,11 +74,12 @@ CUDA = "cuda"
 
 def run(options: Options, reporter: Reporter) -> int:
     """Render the pictures, or run the tasks that do, and print each file when it is finished."""
+    from usdsplat.kernels.cuda import support
     from usdsplat.kernels.devices import check_gpu
-    from usdsplat.products.drawing import draw_frames
-    from usdsplat.products.preparing import files_of
 
     check_jobs(options.job)
+    if options.device == CUDA:
+        support.begin()
     drawing = _draw_options(options)
     if options.threads is not None:
         images.limit_threads(options.threads)
@@ -91,22 +94,63 @@ def run(options: Options, reporter: Reporter) -> int:
         )
         with JobRunner(options.job, reporter, workers, DRAWING) as runner:
             return _run_tasks(options, drawing, runner, reporter)
-    with _planning(options, reporter) as (progress, engine, plans, frames):
-        report = []
+    return _run_here(options, drawing, reporter)
+
+
+def _run_here(options: Options, drawing: DrawOptions, reporter: Reporter) -> int:
+    """Draw the pictures with this process, until several would end sooner."""
+    from usdsplat.kernels.compiling import compile_time
+    from usdsplat.products.drawing import draw_frames
+    from usdsplat.products.preparing import files_of
+
+    limits = (options.threads, options.memory_limit, options.tile, options.plan_frame)
+    may_go_on = may_share(options.job, reporter, *limits, options.fit_frames)
+    with (
+        compile_time() as compiled,
+        _planning(options, reporter) as (progress, engine, plans, frames),
+    ):
+        pace = Pace(progress, lambda: capacity(engine.device), compiled=compiled)
+        report, files = [], files_of(plans, frames)
+        after = {frame: len(frames) - i - 1 for i, frame in enumerate(frames)}
+        processes = 1
         for drawn in draw_frames(
             engine,
             plans,
             frames,
             source=options.stage_name or str(options.stage),
             options=drawing,
-            progress=progress,
+            progress=pace,
             findings=reporter.findings,
         ):
             report.append({**asdict(drawn), "path": str(drawn.path)})
             if not options.json:
                 console.say_path(drawn.path)
-    say_end(options, report, files_of(plans, frames), reporter)
-    return 0
+            processes = pace.processes(after[drawn.frame]) if may_go_on else 1
+            if processes > 1:
+                left = _left(report, files, frames, drawn.frame)
+                task = _task(options, plans, frames, engine.device)
+                break
+    if processes == 1:
+        say_end(options, report, files, reporter)
+        return 0
+    job = shared(options.job, processes, reporter)
+    options = replace(options, job=job)
+    workers = environments(job, device=task.device, threads=None)
+    with JobRunner(job, reporter, workers, DRAWING) as runner:
+        return run_as_job(options, task, plans, frames, runner, reporter, left=left, drawn=report)
+
+
+def _left(
+    report: Sequence[Mapping[str, Any]],
+    files: Sequence[Sequence[Path]],
+    frames: Sequence[float],
+    frame: float,
+) -> tuple[float, ...]:
+    """Return the frames that are not complete after a picture of one of them."""
+    here = frames.index(frame)
+    told = {picture["path"] for picture in report}
+    is_whole = all(str(group[here]) in told for group in files)
+    return tuple(frames[here + 1 if is_whole else here :])
 
 
 def _run_tasks(
@@ -123,10 +167,16 @@ def _run_tasks(
         if options.job.openjd is None:  # else the pictures lie elsewhere
             for folder in {path.parent for group in files_of(plans, frames) for path in group}:
                 check_folder(folder)
-        fits = any(plan.camera is None for plan in plans)
-        device = CUDA if is_named else engine.device
-        task = as_task(options, device, ends_of(frames) if fits else "", frames[0])
+        task = _task(options, plans, frames, CUDA if is_named else engine.device)
     return run_as_job(options, task, plans, frames, runner, reporter)
+
+
+def _task(
+    options: Options, plans: Sequence[PicturePlan], frames: Sequence[float], device: str
+) -> Options:
+    """Return the options of a task, see `as_task`."""
+    fits = any(plan.camera is None for plan in plans)
+    return as_task(options, device, ends_of(frames) if fits else "", frames[0])
 
 
 @contextmanager

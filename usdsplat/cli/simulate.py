@@ -31,21 +31,23 @@ notes:
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from usdsplat.cli import console
 from usdsplat.cli.job_options import check_jobs, resumed
 from usdsplat.cli.reporting import Reporter
+from usdsplat.cli.sharing import SharedPace, WorthSharing, capacity, may_share, shared
 from usdsplat.cli.simulate_job import check_order, run_tasks, runner_of, write_bundle
-from usdsplat.cli.simulate_options import BakeOrder, Options
+from usdsplat.cli.simulate_options import BakeOrder, Options, consecutive
 from usdsplat.core import interrupt
 from usdsplat.core.errors import UsageError
-from usdsplat.images.frame_numbers import LIMIT, parse_frames
+from usdsplat.core.progress import silent
+from usdsplat.images.frame_numbers import LIMIT
 
 if TYPE_CHECKING:
     from pxr import Usd
@@ -53,6 +55,8 @@ if TYPE_CHECKING:
     from usdsplat.core.progress import Progress
 
 FORKS = True
+_BAKES = "bakes"
+"""Label of the finished bakes of a wedge."""
 
 
 def run(options: Options, reporter: Reporter) -> int:
@@ -144,15 +148,31 @@ def _bake(options: Options, source: Path, target: Path, reporter: Reporter) -> i
     announce = reporter.announce_compilation(
         "compiling kernels, once for each kind of simulation; it takes up to a minute"
     )
-    with (
-        compile_time() as compiled,
-        reporter.progress(compiled) as progress,
-        on_compile(announce),
-        advising(reporter.arguments, None if order.options.wedge else order.target),
-    ):
-        bake = _wedge if order.options.wedge else _simulate
-        bake(order, reporter, progress)
+    try:
+        with (
+            compile_time() as compiled,
+            reporter.progress(compiled) as progress,
+            on_compile(announce),
+            advising(reporter.arguments, None if order.options.wedge else order.target),
+        ):
+            if order.options.wedge:
+                pace = _pace(order.options, reporter, compiled)
+                _wedge(order, reporter, progress, pace)
+            else:
+                _simulate(order, reporter, progress)
+    except WorthSharing as found:
+        job = shared(options.job, found.processes, reporter)
+        return _bake(replace(options, resume=True, job=job), source, target, reporter)
     return 0
+
+
+def _pace(options: Options, reporter: Reporter, compiled: Callable[[], float]) -> Progress:
+    """Return a receiver of the finished bakes of a wedge, which other processes may take over."""
+    # those of a job go on with what is done, so they do not replace files
+    if not may_share(options.job, reporter, options.threads, options.force or None):
+        return silent
+    here = partial(capacity, options.device)
+    return SharedPace(_BAKES, silent, here, first=0, compiled=compiled)
 
 
 def _ordered(options: Options, source: Path, target: Path, reporter: Reporter) -> BakeOrder:
@@ -223,13 +243,17 @@ def _simulate(order: BakeOrder, reporter: Reporter, progress: Progress) -> None:
         reporter.remark(report.sentence())
 
 
-def _wedge(order: BakeOrder, reporter: Reporter, progress: Progress) -> None:
-    """Order the bakes of a wedge, and print their names."""
+def _wedge(order: BakeOrder, reporter: Reporter, progress: Progress, pace: Progress) -> None:
+    """Order the bakes of a wedge, and print their names. `pace` receives each."""
     from usdsplat.products.wedge import parse_axes, wedge
 
+    def baked(done: int, total: int) -> None:
+        pace.step(_BAKES, done, total)
+
     report = wedge(
-        order.stage, order.target, order.frames, parse_axes(order.options.wedge), order.wedge,
-        progress=progress, findings=reporter.findings, rates=rates_file(),
+        order.stage, order.target, order.frames, parse_axes(order.options.wedge),
+        replace(order.wedge, baked=baked), progress=progress, findings=reporter.findings,
+        rates=rates_file(),
     )  # fmt: skip
     if order.options.json:
         reporter.print_json(asdict(report))
@@ -299,9 +323,4 @@ def _frames(options: Options, stage: Usd.Stage) -> tuple[float, ...]:
             found = f"none, and a stage from {first:g} to {last:g}"
             raise UsageError("--frames", found, f"a range of at most {LIMIT} frames")
         return tuple(first + i for i in range(int(last - first) + 1))
-    frames = parse_frames(options.frames)
-    if any(later - earlier != 1 for earlier, later in itertools.pairwise(frames)):
-        raise UsageError(
-            "--frames", options.frames, "every frame from one to another, such as 1:100"
-        )
-    return frames
+    return consecutive(options.frames)

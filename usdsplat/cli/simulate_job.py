@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from usdsplat.cli import bundles
 from usdsplat.cli.job_options import JobOptions, JobRunner, environments, of_task
 from usdsplat.cli.reporting import Reporter
-from usdsplat.cli.simulate_options import BakeOrder, Options
+from usdsplat.cli.simulate_options import BakeOrder, Options, consecutive
 from usdsplat.cli.words import words_of
 from usdsplat.core.errors import OutputError, StageError, UsageError
 from usdsplat.core.folders import check_folder
@@ -37,6 +37,8 @@ def check_order(options: Options, source: Path, target: Path) -> None:
     """
     from usdsplat.interchange.files import check_layer_file
 
+    if options.frames is not None:
+        consecutive(options.frames)
     if options.force:  # tasks may be repeated, and would begin anew what others have done
         raise UsageError("--force", "--force with a job", "--resume, or a new name")
     for file in (source, options.stage_opening.session_layer):
@@ -45,8 +47,24 @@ def check_order(options: Options, source: Path, target: Path) -> None:
     if options.job.openjd is not None:  # the bakes lie elsewhere
         return
     check_folder(target.parent)
-    if not options.wedge and target.exists() and not options.resume:
-        raise OutputError(str(target), "a file", "a new name, or --resume")
+    if not options.resume:
+        for path in _files(options, target):
+            if path.exists():
+                raise OutputError(str(path), "a file", "a new name, or --resume")
+
+
+def _files(options: Options, target: Path) -> list[Path]:
+    """Return the files of the bakes, and of the contact sheet of a wedge.
+
+    Raises:
+        UsageError: If the wedge is wrong.
+    """
+    from usdsplat.products.wedge import combinations, parse_axes
+
+    if not options.wedge:
+        return [target]
+    made = combinations(parse_axes(options.wedge), target)
+    return [*(each.target for each in made), target.with_suffix(".png")]
 
 
 def runner_of(options: Options, reporter: Reporter) -> JobRunner:

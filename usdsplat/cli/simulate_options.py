@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -11,6 +12,8 @@ from usdsplat.cli.job_options import JobOptions
 from usdsplat.cli.reporting import ReportingOptions
 from usdsplat.cli.stage_options import StageOptions
 from usdsplat.cli.values import time_code
+from usdsplat.core.errors import UsageError
+from usdsplat.images.frame_numbers import parse_frames
 
 if TYPE_CHECKING:
     from pxr import Usd
@@ -116,3 +119,15 @@ class BakeOrder:
         if self.options.resume:
             return "resume"
         return "replace" if self.options.force else "error"
+
+
+def consecutive(text: str) -> tuple[float, ...]:
+    """Return the frames of --frames, each one after the one before.
+
+    Raises:
+        UsageError: If they are others.
+    """
+    frames = parse_frames(text)
+    if any(later - earlier != 1 for earlier, later in itertools.pairwise(frames)):
+        raise UsageError("--frames", text, "every frame from one to another, such as 1:100")
+    return frames

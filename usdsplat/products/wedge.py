@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import get_origin
@@ -61,6 +61,9 @@ class WedgeOptions:
     """Options of each bake; they apply to the contact sheet too."""
     frame: float | None = None
     """Frame of the contact sheet [time code]; None is the last one."""
+    baked: Callable[[int, int], None] = lambda done, total: None
+    """Called with the number of finished bakes and of all, before each bake. An exception that it
+    raises ends the wedge."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -187,6 +190,7 @@ def wedge(
     shown = frames[-1] if options.frame is None else options.frame
     reports = []
     for number, each in enumerate(made, 1):
+        options.baked(number - 1, len(made))
         findings.say(f"{number} of {len(made)}: {each.target.name}")
         changed = twin(stage)
         for setting in each.settings:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -71,13 +70,3 @@ class Clock:
         now = self.now
         self.spent[name] = self.spent.get(name, 0.0) + now - self._last
         self._last = now
-
-
-def peak_memory() -> float:
-    """Return the peak memory of the process [MB]; 0 where the system does not say."""
-    try:
-        import resource
-    except ImportError:  # not on Windows
-        return 0.0
-    unit = 1e6 if sys.platform == "darwin" else 1e3
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / unit

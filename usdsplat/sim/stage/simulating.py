@@ -16,6 +16,7 @@ from usdsplat.core.findings import Findings, finding
 from usdsplat.core.folders import made_folder
 from usdsplat.core.lock import output_lock
 from usdsplat.core.output import Existing
+from usdsplat.core.peak import peak_memory
 from usdsplat.core.progress import Progress, Rates, phase, reporting, silent
 from usdsplat.core.wording import counted
 from usdsplat.kernels.compiling import compile_time
@@ -27,7 +28,7 @@ from usdsplat.sim.stage.bake_layers import refined_of
 from usdsplat.sim.stage.provenance import Provenance, input_hash, parameter_hash, parameter_lines
 from usdsplat.sim.stage.recipe import UNGUARDED
 from usdsplat.sim.stage.refinement import Refining
-from usdsplat.sim.stage.report import Clock, Report, peak_memory
+from usdsplat.sim.stage.report import Clock, Report
 from usdsplat.sim.stage.simulation import Simulation, baked_fields
 from usdsplat.sim.uses import Uses
 
@@ -207,7 +208,7 @@ def _run(
         seconds=clock.elapsed,
         seconds_per_frame=float(np.median(spent[1:] or spent or [0.0])),
         stages={name: round(value, 3) for name, value in clock.spent.items()},
-        megabytes=peak_memory(),
+        megabytes=peak_memory() / 1e6,
     )
 
 

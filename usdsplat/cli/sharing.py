@@ -1,0 +1,230 @@
+"""Let several processes of this machine take over a long command, where that saves time.
+
+A command without --jobs begins as one process, and measures its own work: how long a unit takes,
+and how busy that keeps the cores. What is left would take several processes
+
+    time left / speedup + start
+
+With n processes on C cores, of which one process keeps the fraction b busy, the part s of its work
+runs on one core (Amdahl's law), and the speedup follows:
+
+    b = 1 / (s C + 1 - s)        speedup = n (s + (1 - s) / C) / (s + (1 - s) n / C)
+
+With GPUs there is a process for each, and the cores may be the limit: speedup = min(n, 1 / b).
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+from usdsplat.cli.job_options import JobOptions
+from usdsplat.cli.reporting import Reporter
+from usdsplat.core.progress import Progress, TimedProgress
+
+EFFICIENCY = 0.9
+"""Part of the speedup that is counted on: processes share memory and disks."""
+LOADING = 2.0
+"""Time in which a process loads the program [s]."""
+MEASURED = 2.0
+"""Time from which a measurement counts [s]."""
+LEAST_SAVED, LEAST_PART = 10.0, 0.2
+"""What must be saved: this time [s], and this part of the time that is left."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Capacity:
+    """What this machine has for the processes of a command."""
+
+    cores: int
+    free: int
+    """Memory that is free [byte]; 0 if the system does not say."""
+    peak: int
+    """Memory that one process took at most [byte]."""
+    gpus: int = 0
+    """Number of GPUs; 0 if the CPU does the work."""
+
+    def processes(self, tasks: int) -> int:
+        """Return how many processes can run so many tasks."""
+        most = min(self.gpus or self.cores, tasks)
+        if self.free:
+            most = min(most, self.free // max(self.peak, 1))
+        return max(1, most)
+
+    def speedup(self, processes: int, busy: float) -> float:
+        """Return how much faster so many processes are than one.
+
+        Args:
+            processes: Their number.
+            busy: Part of the cores that one process keeps busy, above 0.
+        """
+        if self.gpus:
+            return max(1.0, EFFICIENCY * min(processes, 1 / busy))
+        share = processes / self.cores
+        serial = 0.0 if self.cores == 1 else max(0.0, 1 / busy - 1) / (self.cores - 1)
+        gain = processes * (serial + (1 - serial) / self.cores) / (serial + (1 - serial) * share)
+        return max(1.0, EFFICIENCY * gain)
+
+
+def capacity(device: str) -> Capacity:
+    """Return the capacity of this machine now, for processes like this one, which uses a device."""
+    from usdsplat.core.peak import peak_memory
+    from usdsplat.kernels.cuda.support import gpu_count
+    from usdsplat.kernels.device import usual_threads
+    from usdsplat.render.memory import free
+
+    gpus = gpu_count() if device == "cuda" else 0
+    return Capacity(cores=usual_threads(), free=free(), peak=peak_memory(), gpus=gpus)
+
+
+class WorthSharing(Exception):
+    """Ends the work of one process, so that several go on.
+
+    Attributes:
+        processes: Their number.
+    """
+
+    def __init__(self, processes: int) -> None:
+        super().__init__(f"{processes} processes")
+        self.processes = processes
+
+
+class Pace:
+    """Measurement of a command that runs as one process, by its progress, which is passed on.
+
+    Args:
+        progress: Receives the steps.
+        of: Returns the capacity of the machine.
+        label: The label whose steps are measured; None for all.
+        first: First step of a label from which on it is measured. The work before the step 1 also
+            prepares the others.
+        compiled: Returns the time spent on compiling kernels so far [s]; such a time is no measure.
+        clock: Returns the time [s].
+        cpu: Returns the processor time of this process [s].
+    """
+
+    def __init__(
+        self,
+        progress: Progress,
+        of: Callable[[], Capacity],
+        *,
+        label: str | None = None,
+        first: int = 1,
+        compiled: Callable[[], float] = lambda: 0.0,
+        clock: Callable[[], float] = time.perf_counter,
+        cpu: Callable[[], float] = time.process_time,
+    ) -> None:
+        self._progress, self._of, self._compiled = progress, of, compiled
+        self._clock, self._cpu = clock, cpu
+        self._created = clock()
+        self._watched, self._first = label, first
+        self._label = ""
+        self._begun: tuple[float, float, float, float] | None = None
+        self._start = 0.0
+        self._now = (0.0, 0.0, 0.0)
+        self._total = 0
+
+    def step(self, label: str, done: int, total: int) -> None:
+        """Take a step of the work."""
+        self._progress.step(label, done, total)
+        if label != (self._watched or label):
+            return
+        now, cpu, compiled = self._clock(), self._cpu(), self._compiled()
+        if label != self._label or total != self._total:
+            self._label, self._total, self._begun = label, total, None
+        is_stale = self._begun is not None and compiled > self._begun[3]
+        if done >= self._first and (self._begun is None or is_stale):
+            self._begun = (done, now, cpu, compiled)
+            self._start = self._start or LOADING + now - self._created
+        self._now = (done, now, cpu)
+
+    def expect(self, label: str, seconds: float | None, spent: float = 0.0) -> None:
+        """Pass on that work has begun that cannot be divided."""
+        if isinstance(self._progress, TimedProgress):
+            self._progress.expect(label, seconds, spent)
+        else:
+            self._progress.step(label, 0, 0)
+
+    def processes(self, tasks: int, *, again: bool = False) -> int:
+        """Return how many processes should do what is left; 1 if this one should.
+
+        Args:
+            tasks: Number of tasks into which that can be divided.
+            again: Whether they would do again what is done.
+        """
+        if self._begun is None or tasks < 2:
+            return 1
+        (done, now, cpu), (first, since, cpu_before, _) = self._now, self._begun
+        seconds, units = now - since, done - first
+        if seconds < MEASURED or units <= 0:
+            return 1
+        unit = seconds / units
+        left = unit * (self._total - done)
+        if left < LEAST_SAVED:
+            return 1
+        here = self._of()
+        count = here.processes(tasks)
+        busy = min(1.0, max(cpu - cpu_before, 1e-3) / (seconds * here.cores))
+        work = unit * self._total if again else left
+        saved = left - (work / here.speedup(count, busy) + self._start)
+        return count if saved > max(LEAST_SAVED, LEAST_PART * left) else 1
+
+
+class SharedPace(Pace):
+    """A pace that ends the work by `WorthSharing`, after a step of one label.
+
+    Args:
+        label: The label, whose units are tasks.
+        progress, of, first, compiled: Those of `Pace`.
+        again: Whether the tasks do again what is done.
+    """
+
+    def __init__(
+        self,
+        label: str,
+        progress: Progress,
+        of: Callable[[], Capacity],
+        *,
+        first: int = 1,
+        compiled: Callable[[], float] = lambda: 0.0,
+        again: bool = False,
+    ) -> None:
+        super().__init__(progress, of, label=label, first=first, compiled=compiled)
+        self._again = again
+
+    def step(self, label: str, done: int, total: int) -> None:
+        """Take a step.
+
+        Raises:
+            WorthSharing: If several processes should go on.
+        """
+        super().step(label, done, total)
+        if label == self._watched:
+            count = self.processes(total if self._again else total - done, again=self._again)
+            if count > 1:
+                raise WorthSharing(count)
+
+
+def may_share(job: JobOptions, reporter: Reporter, *limits: object) -> bool:
+    """Return whether a command may let other processes go on.
+
+    A worker of a job may not, nor a command whose work, memory or threads are limited.
+
+    Args:
+        job: Its options.
+        reporter: Its reporter.
+        limits: Values of its flags that limit it; None where one is not given.
+    """
+    from usdsplat.jobs.local import MARKED
+
+    is_part = reporter.keeper is not None or MARKED in os.environ
+    is_limited = any(each is not None for each in limits) or reporter.findings.is_strict
+    return not (job.is_asked or is_part or is_limited)
+
+
+def shared(job: JobOptions, processes: int, reporter: Reporter) -> JobOptions:
+    """Say that so many processes go on, and return the options of their job."""
+    reporter.remark(f"{processes} processes go on, which takes less time; --jobs 1 keeps it to one")
+    return replace(job, jobs=str(processes))
