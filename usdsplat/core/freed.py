@@ -13,7 +13,6 @@ import os
 import sys
 from typing import Any
 
-
 ARENAS = 2
 """Maximum number of arenas: after 25 splat trees, 0.1 GB were free in them instead of 0.6 GB. Small
 pieces are allocated without one, from a cache of each thread."""

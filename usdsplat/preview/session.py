@@ -19,7 +19,7 @@ from typing import Any, TypeVar
 
 from usdsplat.core.cancel import CancelToken
 from usdsplat.core.errors import UsdSplatError
-from usdsplat.core.freed import return_freed_memory, share_freed_memory
+from usdsplat.core.freed import return_freed_memory
 from usdsplat.preview.compiling import telling
 from usdsplat.preview.document import Document
 from usdsplat.preview.values import Event, Problem, ViewState
@@ -63,8 +63,7 @@ class Session:
         self._document: Document | None = None
         self._has_failed = False
         self._thread = threading.Thread(target=self._run, name="usdsplat session", daemon=True)
-        if own_thread:  # else in a process of others
-            share_freed_memory()
+        if own_thread:
             self._thread.start()
 
     # --- from any thread -------------------------------------------------------------------
