@@ -5,12 +5,14 @@ from __future__ import annotations
 import os
 import threading
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from pxr import Usd, UsdGeom
 from PySide6.QtCore import QMimeData, QPointF, Qt, QUrl
 from PySide6.QtGui import QDragEnterEvent, QDropEvent
 from PySide6.QtTest import QTest
@@ -29,7 +31,8 @@ from usdsplat.preview.qt.leaving import EDITED, RECORDS, losses
 from usdsplat.preview.qt.prim_model import VISIBLE
 from usdsplat.preview.qt.window import Window
 from usdsplat.preview.qt.workspace import Workspace
-from usdsplat.preview.values import Busy, Event, SimulationStatus
+from usdsplat.preview.values import Busy, DisplaySettings, Event, Look, SimulationStatus
+from usdsplat.render.settings import RenderSettings
 
 
 @pytest.fixture
@@ -278,6 +281,57 @@ def test_an_empty_simulation_tab_starts_one(
     panel = window.workspace.simulation
     wait_until(lambda: panel.status.state == "ready")
     assert not panel.first.isVisible()
+
+
+def test_a_preset_takes_over_edits_view_and_bookmarks_without_a_question(
+    window: Window, workspace: Workspace, tmp_path: Path
+) -> None:
+    """Oracle: what was authored, and the states of the two viewers."""
+    formats.write(procedural_capture(2000), tmp_path / "scan.ply")
+    workspace = opened(window, tmp_path / "scan.ply")
+    viewer = workspace.context.viewer
+    place = np.eye(4)
+    place[0, 3] = 3.0
+    workspace.context.edit(
+        lambda edits: edits.set_transform("/scan", tuple(place.ravel().tolist()))
+    )
+    wait_until(lambda: workspace.context.has_unsaved)
+    viewer.orbit(0.2, 0.1)
+    viewer.end_move()
+    viewer.set_display(exposure=1.5)
+    viewer.set_look(settings=replace(viewer.state.look.settings, color_mode="scene"))
+    viewer.add_bookmark("here")
+    settled(workspace)
+    workspace.simulation.first.make("push", tmp_path / "push.usda")
+    wait_until(lambda: window.workspace is not workspace)
+    assert not window.findChildren(QMessageBox)
+    assert window.workspace is not None
+    now = window.workspace.context.viewer
+    assert now.state.camera == viewer.state.camera
+    assert now.state.display == viewer.state.display
+    assert now.state.look == viewer.state.look
+    assert now.bookmarks == viewer.bookmarks
+    stage = Usd.Stage.Open(str(tmp_path / "push.usda"))
+    moved = UsdGeom.XformCache().GetLocalToWorldTransform(stage.GetPrimAtPath("/scan"))
+    assert tuple(moved.ExtractTranslation()) == (3.0, 0.0, 0.0)
+
+
+def test_another_file_keeps_exposure_and_colour_but_not_the_camera(
+    window: Window, workspace: Workspace, tmp_path: Path
+) -> None:
+    """Oracle: what was chosen; a range of depths is that of one scene."""
+    viewer = workspace.context.viewer
+    viewer.set_display(exposure=-1.0, background="white", depth_range=(1.0, 2.0))
+    viewer.set_look(
+        settings=replace(viewer.state.look.settings, color_mode="scene", self_shadows=True)
+    )
+    viewer.use_camera("/World/Camera")
+    viewer.add_bookmark("here")
+    formats.write(procedural_capture(2000), tmp_path / "scan.ply")
+    now = opened(window, tmp_path / "scan.ply").context.viewer
+    assert now.state.display == DisplaySettings(exposure=-1.0, background="white")
+    assert now.state.look == Look(settings=RenderSettings(color_mode="scene"))
+    assert now.state.camera is None and now.bookmarks == ()
 
 
 def test_a_preset_that_fails_says_why_and_can_be_tried_again(

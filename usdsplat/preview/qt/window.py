@@ -24,6 +24,7 @@ from usdsplat.interchange.files import SUFFIXES
 from usdsplat.preview.opening import open_document
 from usdsplat.preview.qt import remembered, style
 from usdsplat.preview.qt.acts import acts_of
+from usdsplat.preview.qt.camera_menu import CameraEntries
 from usdsplat.preview.qt.empty_page import EmptyPage
 from usdsplat.preview.qt.glyphs import glyph, window_icon
 from usdsplat.preview.qt.help_dialog import HelpDialog, show_about
@@ -37,6 +38,7 @@ from usdsplat.preview.qt.session_proxy import SessionProxy
 from usdsplat.preview.qt.workspace import Workspace
 from usdsplat.preview.session import Session
 from usdsplat.preview.values import Busy, Opened, Problem
+from usdsplat.preview.viewer import Viewer
 
 TOOLS = ("tool_none", "tool_translate", "tool_rotate", "tool_scale")
 PURPOSES = ("render", "proxy", "guide")
@@ -118,7 +120,8 @@ class Window(QMainWindow):
         """Open the capture again, turned upside down; a stage has its own axes and stays."""
         workspace, source = self.workspace, self._source
         if workspace is not None and source is not None and workspace.opened.axes:
-            self._open(replace(source, axes=flipped(workspace.opened.axes)))
+            axes = flipped(workspace.opened.axes)
+            self._open(replace(source, axes=axes, is_same_scene=False))
 
     def open_with(self, opener: Opener, *, path: Path | None = None) -> None:
         """Open a document by a function, which has a path if it is that of a file."""
@@ -156,11 +159,12 @@ class Window(QMainWindow):
         proxy.problem.disconnect()
         proxy.opened.disconnect()
         old = self.workspace
-        workspace = Workspace(proxy, opened, device=self._device)
+        kept = None if old is None else old.kept(is_same_scene=source.is_same_scene)
+        workspace = Workspace(proxy, opened, device=self._device, kept=kept)
         self.workspace = workspace
         self.saving = Saving(workspace.context, said=self._say_briefly, window=self)
         workspace.device_chosen.connect(self._use_device)
-        workspace.simulation.first.made.connect(self.open)
+        workspace.simulation.first.made.connect(self._open_made)
         workspace.viewport.manipulator_changed.connect(self._follow)
         workspace.strip.show_tools([self.actions_by_name[name] for name in TOOLS])
         workspace.context.history_changed.connect(self._show_history)
@@ -212,7 +216,12 @@ class Window(QMainWindow):
     def _use_device(self, device: str) -> None:
         """Open the document again on another device."""
         if self._source is not None:
-            self._open(replace(self._source, device=device))
+            self._open(replace(self._source, device=device, is_same_scene=True))
+
+    def _open_made(self, path: Path) -> None:
+        """Open the stage of a preset, which has the scene of the open one, with its edits."""
+        opener = partial(open_document, path, device=self._device, threads=self._threads)
+        self._open(Source(opener=opener, path=path, is_same_scene=True))
 
     # --- actions ---------------------------------------------------------------------------
 
@@ -286,9 +295,7 @@ class Window(QMainWindow):
             self._purposes[purpose] = action
         self._recent = RecentMenu(self, opens=self.open)
         menus["File"].insertMenu(self.actions_by_name["new"], self._recent)
-        menus["Camera"].aboutToShow.connect(self._fill_cameras)
-        self._camera_menu = menus["Camera"]
-        self._cameras: list[QAction] = []
+        self._cameras = CameraEntries(menus["Camera"], viewer=self._viewer)
 
     def _make_action(self, key: Key, act: Callable[[], Any]) -> QAction:
         action = QAction(key.text, self)
@@ -301,29 +308,8 @@ class Window(QMainWindow):
             action.setIcon(glyph(key.name.removeprefix("tool_")))
         return action
 
-    def _fill_cameras(self) -> None:
-        """Add cameras of the stage and bookmarks below the fixed entries."""
-        for action in self._cameras:
-            self._camera_menu.removeAction(action)
-            action.deleteLater()
-        self._cameras = []
-        if self.workspace is None:
-            return
-        viewer = self.workspace.context.viewer
-        entries: list[tuple[str, Callable[[], Any], bool]] = [
-            (path, partial(viewer.use_camera, path), path == viewer.state.camera)
-            for path in viewer.cameras
-        ]
-        entries += [
-            (mark.name, partial(viewer.restore, mark.name), False) for mark in viewer.bookmarks
-        ]
-        for text, act, is_on in entries:
-            action = QAction(text, self)
-            action.setCheckable(is_on)
-            action.setChecked(is_on)
-            action.triggered.connect(lambda checked=False, act=act: act())
-            self._camera_menu.addAction(action)
-            self._cameras.append(action)
+    def _viewer(self) -> Viewer | None:
+        return None if self.workspace is None else self.workspace.context.viewer
 
     def _set_purpose(self, purpose: str, is_on: bool) -> None:
         if self.workspace is not None:

@@ -11,6 +11,7 @@ from PySide6.QtWidgets import QMenu, QSplitter, QTabWidget, QVBoxLayout, QWidget
 
 from usdsplat.images.aovs import AOVS
 from usdsplat.preview import opening
+from usdsplat.preview.kept_view import KeptView
 from usdsplat.preview.picking import Picked, pick
 from usdsplat.preview.qt.message_bar import MessageBar, above
 from usdsplat.preview.qt.panel_context import PanelContext, Question
@@ -47,12 +48,19 @@ class Workspace(QWidget):
         proxy: Proxy of the session, which ends with this widget.
         opened: Properties of the stage.
         device: Requested device of the session.
+        kept: What the view keeps of the stage that was open before; None for a first one.
     """
 
     device_chosen = Signal(str)
 
     def __init__(
-        self, proxy: SessionProxy, opened: Opened, *, device: str, parent: QWidget | None = None
+        self,
+        proxy: SessionProxy,
+        opened: Opened,
+        *,
+        device: str,
+        kept: KeptView | None = None,
+        parent: QWidget | None = None,
     ) -> None:
         super().__init__(parent)
         self.opened = opened
@@ -79,7 +87,11 @@ class Workspace(QWidget):
         self._watch.timeout.connect(self._files.refresh)
         self._watch.start(LOOK_AT_FILES)
         context.viewer.set_overlays(shows_lights=True)
+        if kept is not None:
+            kept.begin(context.viewer)
         context.viewer.opened(opened)
+        if kept is not None:
+            kept.finish(context.viewer)
         self.tree.model.refresh()
 
     def end(self) -> None:
@@ -87,6 +99,11 @@ class Workspace(QWidget):
         self._watch.stop()
         self.proxy.close()
         threading.Thread(target=self.proxy.session.close, name="closes a session").start()
+
+    def kept(self, *, is_same_scene: bool) -> KeptView:
+        """Return what the view of the next stage keeps of this one."""
+        viewer = self.context.viewer
+        return KeptView(state=viewer.state, bookmarks=viewer.bookmarks, is_same_scene=is_same_scene)
 
     # --- actions ---------------------------------------------------------------------------
 
