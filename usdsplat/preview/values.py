@@ -142,6 +142,8 @@ class Opened:
     """Axes of a capture, such as "rdf"; "" for a stage."""
     axes_are_assumed: bool = False
     """Whether neither a user, nor the file, nor its splats say what the axes are."""
+    baked: tuple[float, float] | None = None
+    """First and last frame of the stage's strongest bake [time code]; None without a bake."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -171,6 +173,11 @@ class SimulationStatus:
     """Time that the last frame took [s]."""
     message: str = ""
     """A sentence for the user; "" for none."""
+    recorded: tuple[int, int] | None = None
+    """Number of frames in the bake that is recorded, held or not, or was recorded last, and of
+    those that were asked for; None for no bake."""
+    bake: str = ""
+    """Path of that bake once it is whole; "" before."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -125,13 +125,13 @@ class Viewer:
             self._session.ask(lambda document: document.opened(), self._renew)
 
     def simulated(self, status: SimulationStatus) -> None:
-        """Follow a running simulation, and extend the timeline to its frames."""
+        """Follow a running or recorded simulation, and extend the timeline to its frames."""
         if status.frames is not None:
             first, last = status.frames
             start, end = min(first, self.timeline.start), max(last, self.timeline.end)
             if (start, end) != (self.timeline.start, self.timeline.end):
                 self.timeline.set_range(start, end)
-        if status.state == "running" and status.frame is not None:
+        if status.state in ("running", "recording") and status.frame is not None:
             self.set_time(status.frame)
         else:
             self._changed()

@@ -249,7 +249,7 @@ def test_edits_that_were_saved_are_not_asked_about(
 
 def test_closing_asks_before_a_recording_is_stopped(window: Window, workspace: Workspace) -> None:
     """Oracle: the status that the session reports."""
-    workspace.simulation.show_status(SimulationStatus(state="recording", frame=3))
+    workspace.simulation.show_status(SimulationStatus(state="paused", frame=3, recorded=(3, 9)))
     window.close()
     box = _box(window)
     assert box.text() == RECORDS

@@ -107,7 +107,7 @@ def acts_of(window: Acting) -> dict[str, Callable[[], Any]]:
         "sim_run": lambda: here().simulation.toggle(),
         "sim_step": lambda: here().simulation.one_step(),
         "sim_reset": lambda: here().simulation.to_start(),
-        "sim_record": lambda: here().simulation.ask_record(),
+        "sim_record": lambda: here().simulation.record_or_stop(),
         "help": window.show_help,
         "about": window.about,
     }

@@ -107,7 +107,7 @@ KEYS = (
     Key(name="sim_run", menu="Simulation", text="Run or pause", keys=("Ctrl+Space",)),
     Key(name="sim_step", menu="Simulation", text="One frame", keys=("Ctrl+Right",)),
     Key(name="sim_reset", menu="Simulation", text="Back to the start", keys=("Ctrl+Home",)),
-    Key(name="sim_record", menu="Simulation", text="Record to a bake…", begins=True),
+    Key(name="sim_record", menu="Simulation", text="Record to a bake, or stop…", begins=True),
     Key(name="help", menu="Help", text="Keys and gestures", keys=("F1",)),
     Key(name="about", menu="Help", text="About"),
 )

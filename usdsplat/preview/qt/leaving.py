@@ -18,7 +18,7 @@ def losses(workspace: Workspace | None) -> tuple[str, ...]:
     """Return a sentence for everything that is lost or ends when a stage is left."""
     if workspace is None:
         return ()
-    is_recording = workspace.simulation.status.state == "recording"
+    is_recording = workspace.simulation.is_recording
     edited = EDITED.format(name=workspace.opened.name) if workspace.context.has_unsaved else ""
     return tuple(filter(None, (RECORDS if is_recording else "", edited)))
 

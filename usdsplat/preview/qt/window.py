@@ -165,6 +165,8 @@ class Window(QMainWindow):
         self.saving = Saving(workspace.context, said=self._say_briefly, window=self)
         workspace.device_chosen.connect(self._use_device)
         workspace.simulation.first.made.connect(self._open_made)
+        workspace.simulation.recorded.connect(remembered.note_file)
+        workspace.simulation.open_requested.connect(self.open)
         workspace.viewport.manipulator_changed.connect(self._follow)
         workspace.strip.show_tools([self.actions_by_name[name] for name in TOOLS])
         workspace.context.history_changed.connect(self._show_history)

@@ -67,6 +67,7 @@ class Workspace(QWidget):
         self.proxy = proxy
         proxy.setParent(self)
         self.context = context = PanelContext(proxy, self)
+        context.baked = opened.baked
         self.bookmarks = QMenu("Bookmarks", self)
         self.bookmarks.aboutToShow.connect(self._fill_bookmarks)
         self.problems = MessageBar(is_problem=True)
