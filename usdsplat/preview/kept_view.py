@@ -43,6 +43,7 @@ class KeptView:
             shows_bounds=before.shows_bounds,
             shows_edges=before.shows_edges,
             shows_lights=before.shows_lights,
+            shows_affectors=before.shows_affectors,
         )
 
     def finish(self, viewer: Viewer) -> None:

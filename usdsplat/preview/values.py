@@ -85,6 +85,8 @@ class ViewState:
     """Whether the edges of meshes are wanted."""
     shows_lights: bool = False
     """Whether the places of lights are wanted; a window wants them at first."""
+    shows_affectors: bool = False
+    """Whether the outlines of what acts on simulations are wanted; a window wants them at first."""
     is_moving: bool = False
     """Whether a fast next picture matters more than a good one."""
 

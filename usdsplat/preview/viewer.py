@@ -331,7 +331,7 @@ class Viewer:
         self._see(purposes=purposes)
 
     def set_overlays(self, **shows: bool) -> None:
-        """Set which of `shows_bounds`, `shows_edges` and `shows_lights` are wanted."""
+        """Set which overlays are wanted, by the names of the state's fields."""
         self._see(**shows)
 
     # --- what is selected ------------------------------------------------------------------

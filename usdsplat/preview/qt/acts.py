@@ -86,7 +86,7 @@ def acts_of(window: Acting) -> dict[str, Callable[[], Any]]:
         "hud": lambda: here().toggle_hud(),
         **{
             name: partial(lambda name: here().toggle_overlay(name), name)
-            for name in ("bounds", "wireframe", "lights")
+            for name in ("bounds", "wireframe", "lights", "affectors")
         },
         "levels": lambda: here().toggle_levels(),
         "compare": lambda: here().toggle_compare(),

@@ -81,6 +81,13 @@ KEYS = (
     Key(name="bounds", menu="View", text="Bounds of everything", keys=("B",), is_checkable=True),
     Key(name="wireframe", menu="View", text="Wireframe of meshes", keys=("4",), is_checkable=True),
     Key(name="lights", menu="View", text="Lights", keys=("L",), is_checkable=True),
+    Key(
+        name="affectors",
+        menu="View",
+        text="Affectors of simulations",
+        keys=("G",),
+        is_checkable=True,
+    ),
     Key(name="levels", menu="View", text="Levels of splat trees", keys=("5",), is_checkable=True),
     Key(
         name="compare",

@@ -166,7 +166,7 @@ class Window(QMainWindow):
         workspace.device_chosen.connect(self._use_device)
         workspace.simulation.first.made.connect(self._open_made)
         workspace.simulation.recorded.connect(remembered.note_file)
-        workspace.simulation.open_requested.connect(self.open)
+        workspace.simulation.open_requested.connect(self._open_made)
         workspace.viewport.manipulator_changed.connect(self._follow)
         workspace.strip.show_tools([self.actions_by_name[name] for name in TOOLS])
         workspace.context.history_changed.connect(self._show_history)
@@ -221,7 +221,7 @@ class Window(QMainWindow):
             self._open(replace(self._source, device=device, is_same_scene=True))
 
     def _open_made(self, path: Path) -> None:
-        """Open the stage of a preset, which has the scene of the open one, with its edits."""
+        """Open the stage of a preset or a bake, which has the scene of the open one."""
         opener = partial(open_document, path, device=self._device, threads=self._threads)
         self._open(Source(opener=opener, path=path, is_same_scene=True))
 

@@ -37,7 +37,12 @@ NARROWEST = (260, 240, 290)
 """Minimum widths of tree, viewport and panels [pixel]."""
 
 
-_OVERLAYS = {"bounds": "shows_bounds", "wireframe": "shows_edges", "lights": "shows_lights"}
+_OVERLAYS = {
+    "bounds": "shows_bounds",
+    "wireframe": "shows_edges",
+    "lights": "shows_lights",
+    "affectors": "shows_affectors",
+}
 """Action -> field of the viewer's state."""
 
 
@@ -87,7 +92,7 @@ class Workspace(QWidget):
         self._watch = QTimer(self)
         self._watch.timeout.connect(self._files.refresh)
         self._watch.start(LOOK_AT_FILES)
-        context.viewer.set_overlays(shows_lights=True)
+        context.viewer.set_overlays(shows_lights=True, shows_affectors=True)
         if kept is not None:
             kept.begin(context.viewer)
         context.viewer.opened(opened)
@@ -149,7 +154,7 @@ class Workspace(QWidget):
         viewer.set_look(aov="color" if is_on else "splatId")
 
     def toggle_overlay(self, name: str) -> None:
-        """Show or hide bounds, wireframe or lights."""
+        """Show or hide bounds, wireframe, lights or affectors."""
         self.context.viewer.set_overlays(**{_OVERLAYS[name]: not self.toggles[name]})
 
     def toggle_channel(self, channel: str) -> None:
