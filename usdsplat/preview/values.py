@@ -175,6 +175,8 @@ class SimulationStatus:
     """Time that the last frame took [s]."""
     message: str = ""
     """A sentence for the user; "" for none."""
+    notes: tuple[str, ...] = ()
+    """Sentences about what was chosen for the user."""
     recorded: tuple[int, int] | None = None
     """Number of frames in the bake that is recorded, held or not, or was recorded last, and of
     those that were asked for; None for no bake."""

@@ -27,7 +27,7 @@ from usdsplat.preview.document import Document
 from usdsplat.preview.opening import _Telling, open_document
 from usdsplat.preview.qt import remembered
 from usdsplat.preview.qt.empty_page import INVITATION
-from usdsplat.preview.qt.leaving import EDITED, RECORDS, losses
+from usdsplat.preview.qt.leaving import CLOSES, EDITED, RECORDS, losses
 from usdsplat.preview.qt.prim_model import VISIBLE
 from usdsplat.preview.qt.window import Window
 from usdsplat.preview.qt.workspace import Workspace
@@ -209,7 +209,8 @@ def test_closing_asks_before_edits_are_lost(window: Window, workspace: Workspace
     wait_until(lambda: workspace.context.has_unsaved)
     window.close()
     box = _box(window)
-    assert box.text() == EDITED.format(name="two.usda")
+    assert box.text() == EDITED.format(name="two.usda", event=CLOSES)
+    assert "Save your edits to two.usda before the window closes?" in box.text()
     _click(box, "Stay")
     assert window.isVisible() and window.workspace is workspace
     closed: list[bool] = []
@@ -224,7 +225,10 @@ def test_edits_can_be_saved_before_another_stage_is_opened(
 ) -> None:
     """Oracle: the file, and the stage that is open afterwards."""
     _hide(workspace)
+    workspace.context.viewer.add_bookmark("mine")
     window.open(stage_path)
+    words = _box(window).text()
+    assert "Save your edits to two.usda before you open two.usda?" in words and "mine" in words
     _click(_box(window), "Save as…")
     wait_until(lambda: len(window.findChildren(QFileDialog)) == 1)
     dialog = window.findChild(QFileDialog)
@@ -247,12 +251,22 @@ def test_edits_that_were_saved_are_not_asked_about(
     wait_until(lambda: workspace.context.has_unsaved)
 
 
+def test_what_was_hidden_and_shown_again_is_not_asked_about(
+    window: Window, workspace: Workspace
+) -> None:
+    """Oracle: a person's expectation: nothing is left to be saved."""
+    _hide(workspace)
+    workspace.context.edit(lambda edits: edits.set_visible("/World/A", True))
+    wait_until(lambda: not workspace.context.has_unsaved)
+    assert losses(workspace) == ()
+
+
 def test_closing_asks_before_a_recording_is_stopped(window: Window, workspace: Workspace) -> None:
     """Oracle: the status that the session reports."""
     workspace.simulation.show_status(SimulationStatus(state="paused", frame=3, recorded=(3, 9)))
     window.close()
     box = _box(window)
-    assert box.text() == RECORDS
+    assert box.text() == RECORDS.format(event=CLOSES)
     assert [button.text() for button in box.buttons()].count("Save as…") == 0
     _click(box, "Stay")
     assert window.isVisible()
@@ -325,7 +339,7 @@ def test_another_file_keeps_exposure_and_colour_but_not_the_camera(
     viewer.set_look(
         settings=replace(viewer.state.look.settings, color_mode="scene", self_shadows=True)
     )
-    viewer.use_camera("/World/Camera")
+    viewer.use_camera("/Camera")
     viewer.add_bookmark("here")
     formats.write(procedural_capture(2000), tmp_path / "scan.ply")
     now = opened(window, tmp_path / "scan.ply").context.viewer

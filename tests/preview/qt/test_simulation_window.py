@@ -17,6 +17,7 @@ from tests.preview.qt.windows import LEFT, opened, press, type_into
 from tests.preview.simulating.hosts import shot
 from tests.preview.stage_model.stages import rich
 from usdsplat.preview.qt import remembered
+from usdsplat.preview.qt.picture_dialogs import FlipbookDialog
 from usdsplat.preview.qt.window import Window
 from usdsplat.preview.qt.workspace import Workspace
 from usdsplat.schema import is_splat_field
@@ -205,6 +206,20 @@ def test_what_becomes_of_a_bake_that_is_there_is_asked(
     QTest.mouseClick(box.defaultButton(), LEFT)
     wait_until(lambda: bool(asked) or not is_stopped)
     assert asked == ([{"existing": "resume"}] if is_stopped else [])
+
+
+def test_a_flipbook_of_what_was_not_simulated_says_so(window: Window, workspace: Workspace) -> None:
+    """Oracle: the hint, and the frames that are offered once some are simulated."""
+    panel = workspace.simulation
+    wait_until(lambda: panel.status.state == "ready")
+    dialog = FlipbookDialog(workspace.context, window)
+    assert not dialog.hint.isHidden() and dialog.frames() == (1.0, 2.0, 3.0, 4.0)
+    for frame in (1.0, 2.0):
+        QTest.mouseClick(panel.step, LEFT)
+        wait_until(lambda frame=frame: panel.status.frames == (1.0, frame))
+        wait_until(lambda: panel.status.state == "paused")
+    dialog = FlipbookDialog(workspace.context, window)
+    assert dialog.hint.isHidden() and dialog.frames() == (1.0, 2.0)
 
 
 def test_keys_run_and_pause(window: Window, workspace: Workspace) -> None:

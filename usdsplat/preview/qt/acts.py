@@ -81,7 +81,7 @@ def acts_of(window: Acting) -> dict[str, Callable[[], Any]]:
         "frame_all": lambda: here().context.viewer.frame(()),
         "free_camera": lambda: here().free_camera(),
         "save_camera": lambda: here().save_camera(),
-        "add_bookmark": lambda: here().context.viewer.add_bookmark(),
+        "add_bookmark": lambda: here().add_bookmark(),
         "flip": window.flip,
         "hud": lambda: here().toggle_hud(),
         **{

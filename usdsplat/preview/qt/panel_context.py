@@ -31,6 +31,10 @@ class PanelContext(QObject):
 
     view_changed = Signal()
     """The viewer's state, timeline, bookmarks or selection has changed."""
+    settled = Signal(str)
+    """A problem, by its sentence, is over."""
+    said = Signal(str)
+    """Something was done, in a sentence."""
     history_changed = Signal(object, object)
     """Labels of the next undo and redo; text or None."""
 

@@ -23,6 +23,7 @@ from PySide6.QtWidgets import (
 
 from usdsplat.core.errors import StageError
 from usdsplat.core.output import Existing
+from usdsplat.core.wording import counted
 from usdsplat.preview.document import Document
 from usdsplat.preview.qt import style
 from usdsplat.preview.qt.first_simulation import FirstSimulation
@@ -122,7 +123,10 @@ class SimulationPanel(QWidget):
             facts.append(f"{status.splats:,} splats")
         if status.seconds:
             facts.append(f"{status.seconds * 1000:.0f} ms/frame")
+        if status.notes:
+            facts.append(counted(len(status.notes), "note"))
         self._facts.setText("   ".join(facts))
+        self._facts.setToolTip("\n".join(status.notes))
         told = _recorded_text(status) if status.bake else "" if records else status.message
         self._message.setText(told)
         self._message.setVisible(bool(told))

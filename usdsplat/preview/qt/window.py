@@ -29,7 +29,7 @@ from usdsplat.preview.qt.empty_page import EmptyPage
 from usdsplat.preview.qt.glyphs import glyph, window_icon
 from usdsplat.preview.qt.help_dialog import HelpDialog, show_about
 from usdsplat.preview.qt.keys import KEYS, MENUS, Key
-from usdsplat.preview.qt.leaving import ask_to_leave, losses
+from usdsplat.preview.qt.leaving import CLOSES, ask_to_leave, losses
 from usdsplat.preview.qt.message_bar import MessageBar, above
 from usdsplat.preview.qt.opening_again import Opener, Source
 from usdsplat.preview.qt.recent_menu import RecentMenu
@@ -128,13 +128,19 @@ class Window(QMainWindow):
         self._open(Source(opener=opener, path=path))
 
     def _open(self, source: Source) -> None:
-        self._unless_kept(partial(self._read, source))
+        opens = f"you open {source.name or 'something else'}"
+        self._unless_kept(partial(self._read, source), opens)
 
-    def _unless_kept(self, leave: Callable[[], None]) -> None:
-        """Call a function, after asking if edits or a recording would be lost by it."""
+    def _unless_kept(self, leave: Callable[[], None], event: str) -> None:
+        """Call a function, after asking if edits or a recording would be lost by it.
+
+        Args:
+            leave: The function.
+            event: What it does, as part of a sentence.
+        """
         workspace, saving = self.workspace, self.saving
         if workspace is not None and saving is not None and losses(workspace):
-            ask_to_leave(self, workspace, saving, leave)
+            ask_to_leave(self, workspace, saving, leave, event)
         else:
             leave()
 
@@ -171,6 +177,7 @@ class Window(QMainWindow):
         workspace.strip.show_tools([self.actions_by_name[name] for name in TOOLS])
         workspace.context.history_changed.connect(self._show_history)
         workspace.context.view_changed.connect(self._follow)
+        workspace.context.said.connect(self._say_briefly)
         workspace.context.proxy.picture.connect(
             lambda picture: self._show_warnings(picture.warnings)
         )
@@ -267,7 +274,7 @@ class Window(QMainWindow):
     def closeEvent(self, event: QCloseEvent) -> None:
         if not self._leaves and losses(self.workspace):
             event.ignore()
-            self._unless_kept(self.leave)
+            self._unless_kept(self.leave, CLOSES)
             return
         remembered.keep_place(self)
         self._forget_pending()

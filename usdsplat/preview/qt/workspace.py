@@ -7,7 +7,7 @@ from collections.abc import Callable
 from functools import partial
 
 from PySide6.QtCore import Qt, QTimer, Signal
-from PySide6.QtWidgets import QMenu, QSplitter, QTabWidget, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QInputDialog, QMenu, QSplitter, QTabWidget, QVBoxLayout, QWidget
 
 from usdsplat.images.aovs import AOVS
 from usdsplat.preview import opening
@@ -205,12 +205,32 @@ class Workspace(QWidget):
         if picture is None:
             return
 
+        viewer, before = self.context.viewer, set(self.context.viewer.cameras)
+
         def made(paths: tuple[str, ...]) -> None:
-            self.context.viewer.cameras = paths
+            viewer.cameras = paths
+            for path in set(paths) - before:
+                viewer.use_camera(path)
+                self.context.said.emit(f"Saved the camera {path}; the view looks through it")
             self.strip.follow()
 
         self.context.edit(partial(_save_camera, spec=picture.camera))
         self.proxy.ask(lambda document: cameras.cameras(document.stage), made)
+
+    def add_bookmark(self) -> None:
+        """Bookmark the view under a new name."""
+        name = self.context.viewer.add_bookmark().name
+        self.context.said.emit(f"{name} bookmarked; Bookmarks or Camera > {name} shows it again")
+
+    def ask_new_name(self, name: str) -> None:
+        """Ask for another name of a bookmark."""
+        dialog = QInputDialog(self)
+        dialog.setWindowTitle("Rename a bookmark")
+        dialog.setLabelText("Name")
+        dialog.setTextValue(name)
+        dialog.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+        dialog.textValueSelected.connect(partial(self.context.viewer.rename, name))
+        dialog.open()
 
     def set_purposes(self, purpose: str, is_on: bool) -> None:
         """Set whether prims of a purpose are drawn."""
@@ -225,6 +245,7 @@ class Workspace(QWidget):
         proxy.picture.connect(self.viewport.show_picture)
         proxy.picture.connect(lambda picture: self._take_back())
         proxy.problem.connect(self._say)
+        context.settled.connect(self._settle)
         self.tree.frame_requested.connect(lambda path: context.viewer.frame((path,)))
         self.viewport.focus_requested.connect(self._aim)
         self.render_panel.device_chosen.connect(self.device_chosen)
@@ -265,12 +286,15 @@ class Workspace(QWidget):
     def _fill_bookmarks(self) -> None:
         viewer = self.context.viewer
         self.bookmarks.clear()
-        self.bookmarks.addAction("Bookmark this view", viewer.add_bookmark)
+        self.bookmarks.addAction("Bookmark this view", self.add_bookmark)
         self.bookmarks.addAction("Save view as a camera", self.save_camera)
         self.bookmarks.addSeparator()
         for bookmark in viewer.bookmarks:
             self.bookmarks.addAction(bookmark.name, partial(viewer.restore, bookmark.name))
         if viewer.bookmarks:
+            rename = self.bookmarks.addMenu("Rename")
+            for bookmark in viewer.bookmarks:
+                rename.addAction(f"{bookmark.name}…", partial(self.ask_new_name, bookmark.name))
             forget = self.bookmarks.addMenu("Remove")
             for bookmark in viewer.bookmarks:
                 forget.addAction(bookmark.name, partial(viewer.remove, bookmark.name))
@@ -296,6 +320,10 @@ class Workspace(QWidget):
     def _say(self, problem: Problem) -> None:
         self.problems.say(problem.sentence)
         self._of_picture = problem.sentence if problem.of_picture else ""
+
+    def _settle(self, sentence: str) -> None:
+        if self.problems.sentence == sentence:
+            self.problems.clear()
 
     def _take_back(self) -> None:
         """Clear the problem of the previous picture."""

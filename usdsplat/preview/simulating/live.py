@@ -10,6 +10,7 @@ from functools import partial
 from pxr import Usd
 
 from usdsplat.core.errors import StageError
+from usdsplat.core.findings import Finding
 from usdsplat.kernels.device import Device
 from usdsplat.preview.simulating.job import Host
 from usdsplat.preview.simulating.shown_job import ShownJob
@@ -79,7 +80,8 @@ class LiveRun(ShownJob):
             watch.begin(simulation)
             self._open_layer(baked_fields(simulation))
         simulation.begin()
-        remarks = "; ".join(found.told for found in simulation.findings)
+        remarks = "; ".join(each.message for each in simulation.findings if is_loud(each))
+        self.notes = tuple(each.message for each in simulation.findings if not is_loud(each))
         due = began = time.perf_counter()
         held = self.gate.held
         for number in itertools.count() if self.end is None else range(count):
@@ -112,6 +114,11 @@ class LiveRun(ShownJob):
         self.gate.check()
         self.failure = ""
         self._changed()
+
+
+def is_loud(found: Finding) -> bool:
+    """Return whether a finding is about more than a choice that was made for the user."""
+    return found.severity != "note"
 
 
 def span(stage: Usd.Stage) -> tuple[float, float | None]:

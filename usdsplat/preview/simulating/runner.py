@@ -116,6 +116,7 @@ class Runner:
             splats=live.splats,
             seconds=live.seconds,
             message=failed or (recording.message if recording else live.message),
+            notes=live.notes,
         )
 
     @property

@@ -38,6 +38,8 @@ class ShownJob(Job):
         self.splats = 0
         self.seconds = 0.0
         self.message = ""
+        self.notes: tuple[str, ...] = ()
+        """Sentences about what was chosen for the user."""
         self._budget = budget
         self._is_removed = False
         self._refined: Sdf.Layer | None = None
