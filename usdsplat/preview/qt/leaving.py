@@ -14,7 +14,7 @@ RECORDS = (
     "Stop the recording before {event}? Its frames stay as a whole bake, and Record resumes it."
 )
 EDITED = "Save your edits to {name} before {event}? They go to a layer of their own."
-MARKED = "Bookmarks end with this file: {names}. Those that were saved as cameras are edits."
+MARKED = "Bookmarks are forgotten: {names}. Save those that matter as cameras first."
 CLOSES = "the window closes"
 """The event before which is asked, as part of a sentence."""
 

@@ -23,7 +23,6 @@ from PySide6.QtWidgets import (
 
 from usdsplat.core.errors import StageError
 from usdsplat.core.output import Existing
-from usdsplat.core.wording import counted
 from usdsplat.preview.document import Document
 from usdsplat.preview.qt import style
 from usdsplat.preview.qt.first_simulation import FirstSimulation
@@ -80,6 +79,9 @@ class SimulationPanel(QWidget):
         self._facts = QLabel()
         self._facts.setFont(style.digits())
         self._facts.setProperty("role", "quiet")
+        self._notes = QLabel()
+        self._notes.setWordWrap(True)
+        self._notes.setProperty("role", "quiet")
         self._message = QLabel()
         self._message.setWordWrap(True)
         self._message.setProperty("role", "animated")
@@ -123,10 +125,9 @@ class SimulationPanel(QWidget):
             facts.append(f"{status.splats:,} splats")
         if status.seconds:
             facts.append(f"{status.seconds * 1000:.0f} ms/frame")
-        if status.notes:
-            facts.append(counted(len(status.notes), "note"))
         self._facts.setText("   ".join(facts))
-        self._facts.setToolTip("\n".join(status.notes))
+        self._notes.setText("\n".join(status.notes))
+        self._notes.setVisible(bool(status.notes))
         told = _recorded_text(status) if status.bake else "" if records else status.message
         self._message.setText(told)
         self._message.setVisible(bool(told))
@@ -219,6 +220,7 @@ class SimulationPanel(QWidget):
         rows.addLayout(buttons)
         rows.addWidget(self._state)
         rows.addWidget(self._facts)
+        rows.addWidget(self._notes)
         rows.addWidget(self._message)
         rows.addWidget(self.open_bake)
         rows.addWidget(self.prims)

@@ -10,11 +10,13 @@ from functools import partial
 from pxr import Usd
 
 from usdsplat.core.errors import StageError
+from usdsplat.core.finding_codes import CODES
 from usdsplat.core.findings import Finding
 from usdsplat.kernels.device import Device
 from usdsplat.preview.simulating.job import Host
 from usdsplat.preview.simulating.shown_job import ShownJob
 from usdsplat.preview.simulating.watching import LiveRecipe, Watch
+from usdsplat.sim.parameters import NAMESPACE
 from usdsplat.sim.stage.refinement import Refining
 from usdsplat.sim.stage.simulation import Simulation, baked_fields
 
@@ -81,7 +83,7 @@ class LiveRun(ShownJob):
             self._open_layer(baked_fields(simulation))
         simulation.begin()
         remarks = "; ".join(each.message for each in simulation.findings if is_loud(each))
-        self.notes = tuple(each.message for each in simulation.findings if not is_loud(each))
+        self.notes = tuple(note_of(each) for each in simulation.findings if not is_loud(each))
         due = began = time.perf_counter()
         held = self.gate.held
         for number in itertools.count() if self.end is None else range(count):
@@ -119,6 +121,12 @@ class LiveRun(ShownJob):
 def is_loud(found: Finding) -> bool:
     """Return whether a finding is about more than a choice that was made for the user."""
     return found.severity != "note"
+
+
+def note_of(found: Finding) -> str:
+    """Return what a note is about, in a sentence without paths."""
+    text = CODES[found.code].meaning.replace(f"{NAMESPACE}:", "")
+    return f"{text[0].upper()}{text[1:]}."
 
 
 def span(stage: Usd.Stage) -> tuple[float, float | None]:
