@@ -19,6 +19,7 @@ from usdsplat.cli.reporting import Reporter, ReportingOptions
 from usdsplat.core import interrupt
 from usdsplat.core.errors import JobError, StrictError, UsageError
 from usdsplat.core.wording import counted
+from usdsplat.jobs.local import GPUS
 
 if TYPE_CHECKING:
     from usdsplat.jobs.dask_cluster import DaskWorkers
@@ -27,14 +28,10 @@ if TYPE_CHECKING:
     from usdsplat.jobs.outcome import Outcome
 
 AUTO = "auto"
-GPUS = "CUDA_VISIBLE_DEVICES"
-"""Variable with the GPUs that a process may use."""
 FORM = "NAME=N,... with numbers above 0, each name once"
 """Form of --resources."""
 COLD = 24
 """Default of --chunk for a farm [frame]. Each task there opens its input anew, so it has many."""
-TURNS = 8
-"""Number of tasks of each process, from which the default of --chunk follows otherwise."""
 USUAL_MEMORY = 1 << 30
 """Memory that a process is expected to take where no limit is given [byte]."""
 
@@ -52,7 +49,7 @@ class JobOptions:
     openjd: Annotated[Path | None, option("FOLDER", excludes="--jobs")] = None
     """write the tasks as an Open Job Description bundle, and run nothing"""
     chunk: Annotated[int | None, option("N")] = None
-    """frames of a task; default: as many as keep the processes busy"""
+    """frames of a task; default: as many as keep the processes busy, fewer towards the end"""
     retries: Annotated[int, option("N")] = 1
     """how often a task that fails is tried again"""
     resources: Annotated[str | None, option("NAME=N,...")] = None
