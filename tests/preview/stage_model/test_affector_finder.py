@@ -70,6 +70,24 @@ def test_targets_to_conform_to_are_outlined_by_the_edges_of_their_faces(
     assert [2.0] * 4 in [each.tolist() for each in lengths]
 
 
+def test_a_dense_mesh_is_outlined_by_its_box(stage: Usd.Stage) -> None:
+    """Oracle: the twelve edges of a box of the size of the points."""
+    side = np.linspace(0.0, 1.0, 30)
+    grid = np.stack([*map(np.ravel, np.meshgrid(2 * side, side)), np.tile([0.0, 3.0], 450)], axis=1)
+    first = np.arange(899 - 30)
+    plate = UsdGeom.Mesh.Define(stage, "/World/Goal")
+    plate.CreatePointsAttr(grid.tolist())
+    plate.CreateFaceVertexCountsAttr([3] * len(first))
+    corners = np.stack([first, first + 1, first + 30], axis=1)
+    plate.CreateFaceVertexIndicesAttr(corners.ravel().tolist())
+    plate.CreatePurposeAttr("guide")
+    link = simulation_of(stage).CreateRelationship("splatSim:conform:target", custom=False)
+    link.SetTargets(["/World/Goal"])
+    (box,) = [each for each in AffectorFinder(stage).of(1.0, DRAWN) if len(each.segments) == 12]
+    lengths = np.linalg.norm(np.diff(box.segments, axis=1), axis=(1, 2))
+    np.testing.assert_allclose(np.sort(lengths), [1.0] * 4 + [2.0] * 4 + [3.0] * 4, rtol=1e-6)
+
+
 def test_each_edge_of_polygons_comes_once() -> None:
     """Oracle: written down by hand: two triangles and a quad that share edges."""
     corners, counts = np.array([0, 1, 2, 2, 1, 3, 0, 2, 4, 5]), np.array([3, 3, 4])

@@ -72,6 +72,8 @@ class SimulationPanel(QWidget):
         self.record = _button("record", "Record", self.record_or_stop)
         self._is_stopping = False
         """Whether a recording was asked to stop, and finishes its bake."""
+        self.offers_bakes = False
+        """Whether someone opens bakes when `open_requested` is emitted."""
         self.open_bake = QPushButton("Open the bake")
         self.open_bake.clicked.connect(lambda: self.open_requested.emit(Path(self.status.bake)))
         self._state = QLabel()
@@ -131,7 +133,7 @@ class SimulationPanel(QWidget):
         told = _recorded_text(status) if status.bake else "" if records else status.message
         self._message.setText(told)
         self._message.setVisible(bool(told))
-        self.open_bake.setVisible(bool(status.bake))
+        self.open_bake.setVisible(self.offers_bakes and bool(status.bake))
         if status.bake and status.bake != before:
             self.recorded.emit(Path(status.bake))
         self._pages.setCurrentIndex(int(has_one))

@@ -173,6 +173,7 @@ class Window(QMainWindow):
         workspace.simulation.first.made.connect(self._open_made)
         workspace.simulation.recorded.connect(remembered.note_file)
         workspace.simulation.open_requested.connect(self._open_made)
+        workspace.simulation.offers_bakes = True
         workspace.viewport.manipulator_changed.connect(self._follow)
         workspace.strip.show_tools([self.actions_by_name[name] for name in TOOLS])
         workspace.context.history_changed.connect(self._show_history)

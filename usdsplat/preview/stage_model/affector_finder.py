@@ -18,8 +18,11 @@ from usdsplat.sim.stage.collections import affectors, find_simulations
 from usdsplat.sim.stage.skeletons import Rigs
 from usdsplat.sim.stage.targets import SHAPES, Triangles
 
-MOST_EDGES = 4000
-"""Number of edges that are drawn of one affector; of more, a part."""
+MOST_EDGES = 600
+"""Number of edges that are drawn of one affector; one with more would hide the splats, and has its
+box instead."""
+_BOX = np.array([(i, i | 1 << axis) for i in range(8) for axis in range(3) if not i & 1 << axis])
+"""Edges of a box, as pairs of corners; bit i of a corner is its side along axis i."""
 _TARGET = f"{NAMESPACE}:conform:target"
 
 
@@ -90,7 +93,8 @@ def _acting(stage: Usd.Stage) -> Iterator[str]:
 
 
 def _segments(part: Triangles, code: Usd.TimeCode) -> F32:
-    """Return the edges of a mesh or shape, or three circles of a sphere, shape (n, 2, 3)."""
+    """Return edges of a mesh or shape, shape (n, 2, 3): three circles of a sphere, the box of what
+    has very many."""
     points, triangles = part.at(code)
     if part.prim.GetTypeName() == "Sphere":
         radius = float(value(part.prim.GetAttribute("radius"), code) or 0.0)
@@ -103,4 +107,8 @@ def _segments(part: Triangles, code: Usd.TimeCode) -> F32:
     else:
         corners = value(part.prim.GetAttribute("faceVertexIndices"), code)
         drawn = edges_between(np.array(corners, np.int64), np.array(counts, np.int64))
-    return np.asarray(points[drawn[:: -(-len(drawn) // MOST_EDGES)]], np.float32)
+    if len(drawn) <= MOST_EDGES:
+        return np.asarray(points[drawn], np.float32)
+    ends = points.min(axis=0), points.max(axis=0)
+    corners = np.array([[ends[i >> axis & 1][axis] for axis in range(3)] for i in range(8)])
+    return np.asarray(corners[_BOX], np.float32)
