@@ -36,11 +36,19 @@ class FakeEdits:
     def __init__(self) -> None:
         self.moves: list[tuple[str, Matrix, float | None, str | None]] = []
         self.error: UsdSplatError | None = None
+        self.verbs: list[str] = []
 
     def set_transform(
-        self, path: str, matrix: Matrix, *, time: float | None = None, merge: str | None = None
+        self,
+        path: str,
+        matrix: Matrix,
+        *,
+        time: float | None = None,
+        merge: str | None = None,
+        verb: str = "Move",
     ) -> None:
         """As `Edits.set_transform`."""
+        self.verbs.append(verb)
         if self.error is not None:
             raise self.error
         self.moves.append((path, matrix, time, merge))

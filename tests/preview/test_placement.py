@@ -99,6 +99,15 @@ def test_an_answer_about_another_prim_is_forgotten() -> None:
     assert viewer.placement is None
 
 
+def test_a_step_is_named_by_what_the_handle_does() -> None:
+    """Oracle: the verb of the drag."""
+    viewer, session = with_ball()
+    for verb in ("Turn", "Scale"):
+        viewer.begin_drag(verb)
+        viewer.place(at(1.0))
+    assert session.document.edits.verbs == ["Turn", "Scale"]
+
+
 def test_a_prim_that_cannot_be_edited_is_a_problem_and_the_next_drag_goes_on() -> None:
     """Oracle: the edit's own error, told once for each try."""
     viewer, session = with_ball()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from usdsplat.preview.camera import FreeCamera
 
@@ -20,6 +20,15 @@ class Bookmark:
 def without(bookmarks: tuple[Bookmark, ...], name: str) -> tuple[Bookmark, ...]:
     """Return the bookmarks without the one of a name."""
     return tuple(each for each in bookmarks if each.name != name)
+
+
+def renamed(bookmarks: tuple[Bookmark, ...], name: str, to: str) -> tuple[Bookmark, ...]:
+    """Return the bookmarks with another name for one, which replaces any of that name."""
+    if not to.strip() or to == name:
+        return bookmarks
+    return tuple(
+        replace(each, name=to) if each.name == name else each for each in without(bookmarks, to)
+    )
 
 
 def free_name(bookmarks: tuple[Bookmark, ...]) -> str:

@@ -33,6 +33,7 @@ from usdsplat.render.fields import Box
 from usdsplat.render.subject import Subject, of_box
 from usdsplat.schema.stage_values import up_axis
 from usdsplat.sim.stage.collections import find_simulations
+from usdsplat.sim.stage.provenance import baked_frames
 
 
 class Document:
@@ -106,6 +107,7 @@ class Document:
                 lights=light_aovs(find_lights(stage)),
                 axes=self._axes("frame"),
                 axes_are_assumed=self._axes("frame_source") == "assumed",
+                baked=baked_frames(stage),
             )
 
     def draw(self, state: ViewState, cancel: CancelToken | None = None) -> bool:

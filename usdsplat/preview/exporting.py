@@ -4,21 +4,31 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from pxr import Usd
+
 from usdsplat import formats
+from usdsplat.core.errors import UnknownFormatError
 from usdsplat.core.findings import Finding
+from usdsplat.images.background import NAMES
 from usdsplat.interchange.exporting import export_stage
 from usdsplat.interchange.files import SUFFIXES, is_usd
-from usdsplat.interchange.options import StageReading
+from usdsplat.interchange.options import ExportOptions, StageReading
 from usdsplat.interchange.repacking import repack
 from usdsplat.interchange.reports import ExportReport
+from usdsplat.preview.camera import FreeCamera
 from usdsplat.preview.document import Document
 from usdsplat.preview.saving import check_not_read
+from usdsplat.preview.stage_model.cameras import author_view
 from usdsplat.preview.values import ViewState
+from usdsplat.products.page import PageRequest, is_page, write_page
+from usdsplat.sim.stage.twins import twin
+
+PAGE = ".html"
 
 
 def suffixes() -> tuple[str, ...]:
     """Return the suffixes of files that can be written."""
-    return (*formats.suffixes_written(), *SUFFIXES)
+    return (*formats.suffixes_written(), *SUFFIXES, PAGE)
 
 
 def export_seen(document: Document, state: ViewState, path: Path | str) -> str:
@@ -26,12 +36,13 @@ def export_seen(document: Document, state: ViewState, path: Path | str) -> str:
 
     A capture has the visible fields of the purposes that the viewport shows, at its time and in
     world space; crops and grades are not applied to it, as captures have none. A USD file is the
-    whole stage in one layer, which keeps them, and its animation.
+    whole stage in one layer, which keeps them, and its animation. A page for browsers is seen by
+    the camera of the viewport.
 
     Args:
         document: Document of the stage.
         state: State of the viewport.
-        path: A file of a format that `formats` writes, or a USD file.
+        path: A file of a format that `formats` writes, a USD file, or a page.
 
     Returns:
         A sentence about the result, for the user.
@@ -42,16 +53,43 @@ def export_seen(document: Document, state: ViewState, path: Path | str) -> str:
         StageError: If the stage has no visible splats.
     """
     path = Path(path)
+    if not str(path).lower().endswith(suffixes()):
+        expected = f"one of {', '.join(suffixes())}"
+        raise UnknownFormatError(str(path), f"suffix {path.suffix!r}", expected)
     check_not_read(document, (path,))
     if document.simulation is not None:
         document.simulation.author()
     if is_usd(path):
         packed = repack(document.stage, path, form="float", flatten=True)
         return _sentence(path, packed.splats, packed.findings)
+    if is_page(path):
+        return _page(document, state, path)
     reading = StageReading(time=state.time, purposes=state.purposes)
     written = export_stage(document.stage, path, reading)
     assert isinstance(written, ExportReport)
     return _sentence(path, written.splats, written.findings)
+
+
+def _page(document: Document, state: ViewState, path: Path) -> str:
+    """Write a page that begins with the view."""
+    camera, (width, height) = state.camera, state.size
+    bounds = document.bounds()
+    with document.lock:
+        stage = twin(document.stage)  # with one more camera, and not drawn by us
+        if isinstance(camera, FreeCamera):
+            spec = camera.spec(aspect=width / height, bounds=bounds)
+            with Usd.EditContext(stage, stage.GetSessionLayer()):
+                camera = author_view(stage, spec)
+        name = path.name if document.path is None else document.path.stem
+        background = state.display.background
+        request = PageRequest(
+            camera=camera,
+            resolution=state.size,
+            title=name,
+            background=background if background in NAMES else None,
+        )
+        written = write_page(stage, path, request=request, export=ExportOptions(time=state.time))
+    return f"{_sentence(path, written.splats, written.findings)}: a page for browsers"
 
 
 def _sentence(path: Path, splats: int, findings: tuple[Finding, ...]) -> str:

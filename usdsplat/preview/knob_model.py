@@ -21,6 +21,9 @@ from usdsplat.render.settings import FILE_KNOBS
 T = TypeVar("T")
 Kind = Literal["bool", "int", "float", "choice", "text", "vector", "color"]
 
+AUTO = "auto"
+"""Label of negative numbers that stand for an automatic choice."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Editor:
@@ -37,6 +40,8 @@ class Editor:
     """Value if nothing is authored."""
     none_label: str = ""
     """Meaning of None, such as "unlimited"; "" for a value that is never None."""
+    negative_label: str = ""
+    """Meaning of all negative numbers, such as "auto"; "" where they are as good as others."""
     minimum: float | None = None
     """Minimum, for each element of a vector; None for no limit."""
     maximum: float | None = None
@@ -187,6 +192,7 @@ def editor_of(item: Knob, value: Any, *, name: str | None = None, group: str = "
         value=holds(value),
         default=holds(item.default),
         none_label=_none_label(item),
+        negative_label=AUTO if item.default == -1 and low == -1 and kind != "choice" else "",
         minimum=low if math.isfinite(low) else None,
         maximum=high if math.isfinite(high) else None,
         soft_range=span,

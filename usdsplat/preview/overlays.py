@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+import numpy.typing as npt
 
-from usdsplat.core.cloud import F32, F64
+from usdsplat.core.cloud import F32, F64, I32
 from usdsplat.preview.boxes import Corners
 from usdsplat.render.scene import RenderScene, matrix
 from usdsplat.render.specs import Matrix, MeshSpec
@@ -57,21 +58,21 @@ class LightMark:
         one, other = self.size
         lines: list[F64] = []
         if self.shape == "sphere":
-            lines = [one * _circle(axis) for axis in range(3)] if one > 0 else []
+            lines = [one * circle(axis) for axis in range(3)] if one > 0 else []
         elif self.shape == "disk":
-            lines = [one * _circle(2)]
+            lines = [one * circle(2)]
         elif self.shape == "rect":
             corners = ((-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1))
             lines = [np.array([(x * one / 2, y * other / 2, 0.0) for x, y in corners])]
         elif self.shape == "cylinder":
             ends = [np.array((x * other / 2, 0.0, 0.0)) for x in (-1, 1)]
-            lines = [one * _circle(0) + end for end in ends]
-            sides = [one * _circle(0)[number] for number in range(0, ROUND, ROUND // 4)]
+            lines = [one * circle(0) + end for end in ends]
+            sides = [one * circle(0)[number] for number in range(0, ROUND, ROUND // 4)]
             lines += [np.array([end + side for end in ends]) for side in sides]
         elif self.shape == "dome":
             up = np.linspace(0.0, math.pi, ROUND // 2)
             arc = np.stack([np.cos(up), np.sin(up), 0 * up], axis=1)
-            for line in (_circle(1), arc, arc[:, [2, 1, 0]]):
+            for line in (circle(1), arc, arc[:, [2, 1, 0]]):
                 yield self.place + length * line @ turn.T
             return
         for line in lines:
@@ -101,6 +102,8 @@ class Overlays:
     lights: tuple[LightMark, ...] = ()
     edges: tuple[MeshEdges, ...] = ()
     """Of all meshes; empty if they are not asked for."""
+    affectors: tuple[MeshEdges, ...] = ()
+    """Of what acts on simulations and is not drawn; empty if they are not asked for."""
 
 
 class Wireframe:
@@ -159,8 +162,22 @@ def edges_of(spec: MeshSpec) -> F32:
     return np.asarray(spec.points[drawn], np.float32)
 
 
-def _circle(axis: int) -> F64:
-    """Return a circle of radius 1 around an axis."""
+def edges_between(corners: npt.NDArray[np.int64], counts: npt.NDArray[np.int64]) -> I32:
+    """Return the edges of polygons, each once, as pairs of points, shape (n, 2).
+
+    Args:
+        corners: Points of all polygons, one after the other.
+        counts: Number of corners of each polygon, 1 or more.
+    """
+    ends = np.cumsum(counts)
+    after = np.arange(1, len(corners) + 1)
+    after[ends - 1] = ends - counts
+    pairs = np.sort(np.stack([corners, corners[after]], axis=1), axis=1)
+    return np.unique(pairs, axis=0).astype(np.int32)
+
+
+def circle(axis: int) -> F64:
+    """Return a circle of radius 1 around an axis, closed, shape (n, 3)."""
     angle = np.linspace(0.0, 2.0 * math.pi, ROUND + 1)
     points = np.zeros((ROUND + 1, 3))
     points[:, (axis + 1) % 3], points[:, (axis + 2) % 3] = np.cos(angle), np.sin(angle)

@@ -37,6 +37,7 @@ class Placing:
         self._questions, self._moves = LatestRequest(session), LatestRequest(session)
         self._path = ""
         self._drags = 0
+        self._verb = "Move"
         self.placement: Placement | None = None
         """None if nothing movable is selected, and until it is known."""
 
@@ -47,19 +48,22 @@ class Placing:
         if path:
             self._questions.ask(lambda document: _placement(document, path, time), self._keep)
 
-    def begin(self) -> None:
-        """Begin a new undo step for the following moves."""
+    def begin(self, verb: str) -> None:
+        """Begin a new undo step for the following moves, named by a verb."""
+        self._verb = verb
         self._drags += 1
 
     def move(self, matrix: Matrix, time: float | None) -> None:
         """Author the prim's matrix at a time."""
-        path, key = self._path, f"drag {self._drags} of {self._path}"
+        path, verb, key = self._path, self._verb, f"drag {self._drags} of {self._path}"
         if not path:
             return
         self.placement = Placement(path=path, matrix=matrix)
 
         self._moves.ask(
-            lambda document: document.edits.set_transform(path, matrix, time=time, merge=key),
+            lambda document: document.edits.set_transform(
+                path, matrix, time=time, merge=key, verb=verb
+            ),
             lambda done: None,
         )
         self._changed()

@@ -85,6 +85,8 @@ class ViewState:
     """Whether the edges of meshes are wanted."""
     shows_lights: bool = False
     """Whether the places of lights are wanted; a window wants them at first."""
+    shows_affectors: bool = False
+    """Whether the outlines of what acts on simulations are wanted; a window wants them at first."""
     is_moving: bool = False
     """Whether a fast next picture matters more than a good one."""
 
@@ -144,6 +146,8 @@ class Opened:
     """Axes of a capture, such as "rdf"; "" for a stage."""
     axes_are_assumed: bool = False
     """Whether neither a user, nor the file, nor its splats say what the axes are."""
+    baked: tuple[float, float] | None = None
+    """First and last frame of the stage's strongest bake [time code]; None without a bake."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -173,6 +177,13 @@ class SimulationStatus:
     """Time that the last frame took [s]."""
     message: str = ""
     """A sentence for the user; "" for none."""
+    notes: tuple[str, ...] = ()
+    """Sentences about what was chosen for the user."""
+    recorded: tuple[int, int] | None = None
+    """Number of frames in the bake that is recorded, held or not, or was recorded last, and of
+    those that were asked for; None for no bake."""
+    bake: str = ""
+    """Path of that bake once it is whole; "" before."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -12,7 +12,7 @@ from functools import partial
 from typing import Any
 
 from usdsplat.core.knobs import checked
-from usdsplat.preview.bookmarks import Bookmark, free_name, without
+from usdsplat.preview.bookmarks import Bookmark, free_name, renamed, without
 from usdsplat.preview.camera import FreeCamera, Glide, Side, UpAxis, Vector, middle_of
 from usdsplat.preview.latest_request import Asks
 from usdsplat.preview.placement import Placement, Placing
@@ -127,13 +127,12 @@ class Viewer:
             self._session.ask(lambda document: document.opened(), self._renew)
 
     def simulated(self, status: SimulationStatus) -> None:
-        """Follow a running simulation, and extend the timeline to its frames."""
+        """Follow a running or recorded simulation, and extend the timeline to its frames."""
         if status.frames is not None:
             first, last = status.frames
-            start, end = min(first, self.timeline.start), max(last, self.timeline.end)
-            if (start, end) != (self.timeline.start, self.timeline.end):
-                self.timeline.set_range(start, end)
-        if status.state == "running" and status.frame is not None:
+            now = self.timeline
+            now.set_range(min(first, now.start), max(last, now.end))
+        if status.state in ("running", "recording") and status.frame is not None:
             self.set_time(status.frame)
         else:
             self._changed()
@@ -252,6 +251,11 @@ class Viewer:
                 if bookmark.time is not None:
                     self.set_time(bookmark.time)
 
+    def rename(self, name: str, to: str) -> None:
+        """Give a bookmark another name, which replaces one that has it; "" changes nothing."""
+        self.bookmarks = renamed(self.bookmarks, name, to)
+        self._changed()
+
     def remove(self, name: str) -> None:
         """Remove a bookmark."""
         self.bookmarks = without(self.bookmarks, name)
@@ -325,15 +329,14 @@ class Viewer:
         Raises:
             UsageError: If one cannot have that value.
         """
-        values = {**asdict(self.state.display), **changes}
-        self._see(display=checked("display", DisplaySettings, values))
+        self._see(display=checked("display", DisplaySettings, asdict(self.state.display) | changes))
 
     def set_purposes(self, purposes: tuple[str, ...]) -> None:
         """Set the purposes that are drawn."""
         self._see(purposes=purposes)
 
     def set_overlays(self, **shows: bool) -> None:
-        """Set which of `shows_bounds`, `shows_edges` and `shows_lights` are wanted."""
+        """Set which overlays are wanted, by the names of the state's fields."""
         self._see(**shows)
 
     # --- what is selected ------------------------------------------------------------------
@@ -348,9 +351,9 @@ class Viewer:
         """Place of the last selected prim; None until it is known, and for prims without one."""
         return self._placing.placement
 
-    def begin_drag(self) -> None:
-        """Start a drag: one undo takes back all following calls of `place`."""
-        self._placing.begin()
+    def begin_drag(self, verb: str = "Move") -> None:
+        """Start a drag: one undo, named by a verb, takes back all following calls of `place`."""
+        self._placing.begin(verb)
 
     def place(self, matrix: Matrix) -> None:
         """Set the local-to-world matrix of the last selected prim, on the session layer."""

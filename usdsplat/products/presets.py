@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
+from pxr import Sdf
+
 from usdsplat.core.errors import OutputError, UsageError
 from usdsplat.core.folders import made_folder
 from usdsplat.core.progress import Progress
@@ -22,6 +24,7 @@ def make_stage(
     axes: str | None,
     progress: Progress,
     options: Mapping[str, str | None] | None = None,
+    edits: Sdf.Layer | None = None,
 ) -> list[Path]:
     """Write a stage in which a capture is simulated.
 
@@ -34,6 +37,7 @@ def make_stage(
         progress: Receives the progress of the import.
         options: Values of the presets' options by name, see `author_preset`; the target is the path
             of a stage, or of a capture, which is imported beside the preset's stage too.
+        edits: Opinions over the source's that the new stage takes over, see `author_preset`.
 
     Returns:
         The files that were written, the target last.
@@ -60,7 +64,9 @@ def make_stage(
             there = None
             if goal is not None:
                 there = open_stage(_stage_of(goal, target, "target", None, progress, made))
-            author_preset(preset, open_stage(capture), target, options=given, goal=there)
+            author_preset(
+                preset, open_stage(capture), target, options=given, goal=there, edits=edits
+            )
         except BaseException:
             for path in made:
                 path.unlink(missing_ok=True)

@@ -5,12 +5,14 @@ from __future__ import annotations
 import os
 import threading
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from pxr import Usd, UsdGeom
 from PySide6.QtCore import QMimeData, QPointF, Qt, QUrl
 from PySide6.QtGui import QDragEnterEvent, QDropEvent
 from PySide6.QtTest import QTest
@@ -28,12 +30,21 @@ from usdsplat.preview.document import Document
 from usdsplat.preview.opening import _Telling, open_document
 from usdsplat.preview.qt import remembered
 from usdsplat.preview.qt.empty_page import INVITATION
-from usdsplat.preview.qt.leaving import EDITED, RECORDS, losses
+from usdsplat.preview.qt.leaving import CLOSES, EDITED, RECORDS, losses
 from usdsplat.preview.qt.prim_model import VISIBLE
 from usdsplat.preview.qt.viewport_painting import PREPARING
 from usdsplat.preview.qt.window import Window
 from usdsplat.preview.qt.workspace import Workspace
-from usdsplat.preview.values import Busy, Event, Picture, SimulationStatus, ViewState
+from usdsplat.preview.values import (
+    Busy,
+    DisplaySettings,
+    Event,
+    Look,
+    Picture,
+    SimulationStatus,
+    ViewState,
+)
+from usdsplat.render.settings import RenderSettings
 
 
 @pytest.fixture
@@ -210,7 +221,8 @@ def test_closing_asks_before_edits_are_lost(window: Window, workspace: Workspace
     wait_until(lambda: workspace.context.has_unsaved)
     window.close()
     box = _box(window)
-    assert box.text() == EDITED.format(name="two.usda")
+    assert box.text() == EDITED.format(name="two.usda", event=CLOSES)
+    assert "Save your edits to two.usda before the window closes?" in box.text()
     _click(box, "Stay")
     assert window.isVisible() and window.workspace is workspace
     closed: list[bool] = []
@@ -225,7 +237,10 @@ def test_edits_can_be_saved_before_another_stage_is_opened(
 ) -> None:
     """Oracle: the file, and the stage that is open afterwards."""
     _hide(workspace)
+    workspace.context.viewer.add_bookmark("mine")
     window.open(stage_path)
+    words = _box(window).text()
+    assert "Save your edits to two.usda before you open two.usda?" in words and "mine" in words
     _click(_box(window), "Save as…")
     wait_until(lambda: len(window.findChildren(QFileDialog)) == 1)
     dialog = window.findChild(QFileDialog)
@@ -248,12 +263,22 @@ def test_edits_that_were_saved_are_not_asked_about(
     wait_until(lambda: workspace.context.has_unsaved)
 
 
+def test_what_was_hidden_and_shown_again_is_not_asked_about(
+    window: Window, workspace: Workspace
+) -> None:
+    """Oracle: a person's expectation: nothing is left to be saved."""
+    _hide(workspace)
+    workspace.context.edit(lambda edits: edits.set_visible("/World/A", True))
+    wait_until(lambda: not workspace.context.has_unsaved)
+    assert losses(workspace) == ()
+
+
 def test_closing_asks_before_a_recording_is_stopped(window: Window, workspace: Workspace) -> None:
     """Oracle: the status that the session reports."""
-    workspace.simulation.show_status(SimulationStatus(state="recording", frame=3))
+    workspace.simulation.show_status(SimulationStatus(state="paused", frame=3, recorded=(3, 9)))
     window.close()
     box = _box(window)
-    assert box.text() == RECORDS
+    assert box.text() == RECORDS.format(event=CLOSES)
     assert [button.text() for button in box.buttons()].count("Save as…") == 0
     _click(box, "Stay")
     assert window.isVisible()
@@ -282,6 +307,57 @@ def test_an_empty_simulation_tab_starts_one(
     panel = window.workspace.simulation
     wait_until(lambda: panel.status.state == "ready")
     assert not panel.first.isVisible()
+
+
+def test_a_preset_takes_over_edits_view_and_bookmarks_without_a_question(
+    window: Window, workspace: Workspace, tmp_path: Path
+) -> None:
+    """Oracle: what was authored, and the states of the two viewers."""
+    formats.write(procedural_capture(2000), tmp_path / "scan.ply")
+    workspace = opened(window, tmp_path / "scan.ply")
+    viewer = workspace.context.viewer
+    place = np.eye(4)
+    place[0, 3] = 3.0
+    workspace.context.edit(
+        lambda edits: edits.set_transform("/scan", tuple(place.ravel().tolist()))
+    )
+    wait_until(lambda: workspace.context.has_unsaved)
+    viewer.orbit(0.2, 0.1)
+    viewer.end_move()
+    viewer.set_display(exposure=1.5)
+    viewer.set_look(settings=replace(viewer.state.look.settings, color_mode="scene"))
+    viewer.add_bookmark("here")
+    settled(workspace)
+    workspace.simulation.first.make("push", tmp_path / "push.usda")
+    wait_until(lambda: window.workspace is not workspace)
+    assert not window.findChildren(QMessageBox)
+    assert window.workspace is not None
+    now = window.workspace.context.viewer
+    assert now.state.camera == viewer.state.camera
+    assert now.state.display == viewer.state.display
+    assert now.state.look == viewer.state.look
+    assert now.bookmarks == viewer.bookmarks
+    stage = Usd.Stage.Open(str(tmp_path / "push.usda"))
+    moved = UsdGeom.XformCache().GetLocalToWorldTransform(stage.GetPrimAtPath("/scan"))
+    assert tuple(moved.ExtractTranslation()) == (3.0, 0.0, 0.0)
+
+
+def test_another_file_keeps_exposure_and_colour_but_not_the_camera(
+    window: Window, workspace: Workspace, tmp_path: Path
+) -> None:
+    """Oracle: what was chosen; a range of depths is that of one scene."""
+    viewer = workspace.context.viewer
+    viewer.set_display(exposure=-1.0, background="white", depth_range=(1.0, 2.0))
+    viewer.set_look(
+        settings=replace(viewer.state.look.settings, color_mode="scene", self_shadows=True)
+    )
+    viewer.use_camera("/Camera")
+    viewer.add_bookmark("here")
+    formats.write(procedural_capture(2000), tmp_path / "scan.ply")
+    now = opened(window, tmp_path / "scan.ply").context.viewer
+    assert now.state.display == DisplaySettings(exposure=-1.0, background="white")
+    assert now.state.look == Look(settings=RenderSettings(color_mode="scene"))
+    assert now.state.camera is None and now.bookmarks == ()
 
 
 def test_a_preset_that_fails_says_why_and_can_be_tried_again(

@@ -165,6 +165,34 @@ def test_an_empty_field_is_none_where_none_means_something() -> None:
     assert panel.changes == [("exposure", None, "")]
 
 
+def test_a_negative_number_that_is_an_automatic_choice_is_shown_and_typed_as_auto() -> None:
+    """Oracle: the knob's own number for it, -1."""
+    row = KnobRow(
+        replace(EXPOSURE, value=-1.0, default=-1.0, minimum=-1.0, negative_label="auto", unit="m")
+    )
+    row.show()
+    changes: list[object] = []
+    row.changed.connect(lambda name, value, key: changes.append(value))
+    field = row.findChild(QLineEdit)
+    assert field.text() == "auto" and "default auto" in tool_tip(row._editor)
+    _type(field, "0.5")
+    row.show_editor(replace(row._editor, value=0.5))
+    _type(field, "auto")
+    assert changes == [0.5, -1.0]
+
+
+def test_the_groups_that_are_open_at_first_are_the_first_and_the_one_most_is_authored_in() -> None:
+    """Oracle: counted by hand."""
+    editors = [
+        replace(EXPOSURE, name=f"{group}{number}", group=group, is_authored=number < authored)
+        for group, authored in (("Simulation", 0), ("Carriers", 1), ("Dissolving", 3))
+        for number in range(3)
+    ]
+    panel = Panel(*editors, open_groups=2)
+    is_open = {name: group.is_open for name, group in panel._groups.items()}
+    assert is_open == {"Simulation": True, "Carriers": False, "Dissolving": True}
+
+
 def test_what_is_being_typed_survives_news() -> None:
     """Oracle: a person's expectation, while a simulation changes other values."""
     panel = Panel(EXPOSURE)

@@ -111,7 +111,7 @@ def test_edges_become_lines_once_for_a_picture_and_a_size(workspace: Workspace) 
     wait_until(lambda: len(settled(workspace).overlays.edges) == 1)
     picture, projection = settled(workspace), workspace.viewport.projection
     assert projection is not None
-    made, size = EdgeLines(), picture.state.size
+    made, size = EdgeLines(lambda overlays: overlays.edges), picture.state.size
     lines = made.of(picture, size, projection)
     assert len(lines) == 5 and made.of(picture, size, projection) is lines
     assert made.of(picture, (10, 10), projection) is not lines

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from pxr import Sdf
+from pxr import Sdf, Usd
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QCheckBox, QFileDialog, QLineEdit, QMessageBox
@@ -16,8 +16,11 @@ from tests.preview.qt.conftest import wait_until
 from tests.preview.qt.windows import LEFT, opened, press, type_into
 from tests.preview.simulating.hosts import shot
 from tests.preview.stage_model.stages import rich
+from usdsplat.preview.qt import remembered
+from usdsplat.preview.qt.picture_dialogs import FlipbookDialog
 from usdsplat.preview.qt.window import Window
 from usdsplat.preview.qt.workspace import Workspace
+from usdsplat.schema import is_splat_field
 from usdsplat.sim.stage.authoring import author
 from usdsplat.sim.stage.provenance import nested
 
@@ -144,6 +147,40 @@ def test_a_recording_is_a_bake(window: Window, workspace: Workspace, tmp_path: P
     assert not workspace.problems.sentence
 
 
+def test_a_recording_is_stopped_opened_and_remembered(window: Window, tmp_path: Path) -> None:
+    """Oracle: USD's own reading of the bake, and what the panels say of it."""
+    stage = shot(tmp_path, {}, last=200)
+    workspace = opened(window, Path(stage.GetRootLayer().realPath))
+    panel, target = workspace.simulation, tmp_path / "bake.usda"
+    wait_until(lambda: panel.status.state == "ready")
+    panel.record_to(target)
+    wait_until(lambda: panel.status.recorded is not None and panel.status.recorded[0] > 2)
+    assert panel.record.text().startswith("Stop (") and panel.record.text().endswith(" of 200)")
+    assert panel.is_recording and panel.record.isEnabled() and not panel.step.isEnabled()
+    wait_until(lambda: workspace.context.viewer.state.time in range(2, 200))
+    QTest.mouseClick(panel.run, LEFT)
+    wait_until(lambda: panel._state.text() == "Recording, paused")
+    assert panel.run.text() == "Continue"
+    QTest.mouseClick(panel.record, LEFT)
+    wait_until(lambda: panel.status.bake)
+    assert panel.status.recorded is not None
+    done = panel.status.recorded[0]
+    assert panel._message.text().startswith(f"{done} of 200 frames recorded: bake.usda.")
+    assert panel.record.text() == "Record" and panel.run.text() == "Run"
+    assert workspace.timeline.ruler.cached == (1.0, done)
+    assert remembered.recent_files()[0] == target
+    QTest.mouseClick(panel.open_bake, LEFT)
+    wait_until(lambda: window.workspace is not workspace)
+    now = window.workspace
+    assert now is not None and now.opened.name == "bake.usda"
+    assert now.opened.baked == now.timeline.ruler.baked == (1.0, done)
+    wait_until(lambda: now.simulation.status.state == "ready")
+    assert now.simulation._state.text() == f"Baked, frames 1–{done}"
+    baked = Usd.Stage.Open(str(target))
+    (field,) = [prim for prim in baked.Traverse() if is_splat_field(prim)]
+    assert field.GetAttribute("positions").GetTimeSamples()[-1] == done
+
+
 @pytest.mark.parametrize(
     ("is_stopped", "buttons"),
     [(True, {"Resume", "Replace", "Cancel"}), (False, {"Replace", "Cancel"})],
@@ -169,6 +206,20 @@ def test_what_becomes_of_a_bake_that_is_there_is_asked(
     QTest.mouseClick(box.defaultButton(), LEFT)
     wait_until(lambda: bool(asked) or not is_stopped)
     assert asked == ([{"existing": "resume"}] if is_stopped else [])
+
+
+def test_a_flipbook_of_what_was_not_simulated_says_so(window: Window, workspace: Workspace) -> None:
+    """Oracle: the hint, and the frames that are offered once some are simulated."""
+    panel = workspace.simulation
+    wait_until(lambda: panel.status.state == "ready")
+    dialog = FlipbookDialog(workspace.context, window)
+    assert not dialog.hint.isHidden() and dialog.frames() == (1.0, 2.0, 3.0, 4.0)
+    for frame in (1.0, 2.0):
+        QTest.mouseClick(panel.step, LEFT)
+        wait_until(lambda frame=frame: panel.status.frames == (1.0, frame))
+        wait_until(lambda: panel.status.state == "paused")
+    dialog = FlipbookDialog(workspace.context, window)
+    assert dialog.hint.isHidden() and dialog.frames() == (1.0, 2.0)
 
 
 def test_keys_run_and_pause(window: Window, workspace: Workspace) -> None:

@@ -13,6 +13,7 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import (
     QApplication,
     QComboBox,
+    QInputDialog,
     QLineEdit,
     QSlider,
     QWidget,
@@ -259,6 +260,7 @@ def test_cameras_and_bookmarks(window: Window, workspace: Workspace) -> None:
     wait_until(lambda: workspace.context.viewer.state.camera == "/Camera")
     seen = settled(workspace).camera
     press(window, "Ctrl+B")
+    assert window.note.startswith("View 1 bookmarked")
     press(window, "Shift+F")
     wait_until(lambda: isinstance(workspace.context.viewer.state.camera, FreeCamera))
     workspace.bookmarks.aboutToShow.emit()
@@ -266,6 +268,14 @@ def test_cameras_and_bookmarks(window: Window, workspace: Workspace) -> None:
     next(a for a in workspace.bookmarks.actions() if a.text() == "View 1").trigger()
     back = settled(workspace).camera
     assert np.allclose(back.world_to_camera, seen.world_to_camera, atol=1e-6)
+    workspace.ask_new_name("View 1")
+    dialog = workspace.findChild(QInputDialog)
+    assert dialog.textValue() == "View 1"
+    dialog.setTextValue("Face")
+    dialog.accept()
+    assert [mark.name for mark in workspace.context.viewer.bookmarks] == ["Face"]
+    workspace.bookmarks.aboutToShow.emit()
+    assert "Face" in windows.texts(workspace.bookmarks)
 
 
 def test_the_view_becomes_a_camera_of_the_stage(window: Window, workspace: Workspace) -> None:
@@ -274,7 +284,8 @@ def test_the_view_becomes_a_camera_of_the_stage(window: Window, workspace: Works
     window.actions_by_name["save_camera"].trigger()
     wait_until(lambda: len(workspace.context.viewer.cameras) == 2)
     path = next(path for path in workspace.context.viewer.cameras if path != "/Camera")
-    workspace.context.viewer.use_camera(path)
+    wait_until(lambda: workspace.context.viewer.state.camera == path)
+    assert path in window.note
     back = settled(workspace).camera
     assert np.allclose(back.world_to_camera, seen.world_to_camera, atol=1e-4)
 

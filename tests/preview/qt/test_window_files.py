@@ -15,6 +15,7 @@ from PySide6.QtWidgets import (
     QFileDialog,
     QLineEdit,
     QMessageBox,
+    QProgressDialog,
 )
 
 from tests.preview.qt import windows
@@ -137,6 +138,57 @@ def test_an_export_that_fails_leaves_only_its_sentence(
     assert window.note == "Writing seen.obj…"
     wait_until(lambda: "obj" in workspace.problems.sentence)
     assert window.note == ""
+
+
+def test_a_page_is_exported_and_takes_back_the_problem_of_the_last_try(
+    window: Window, workspace: Workspace, tmp_path: Path
+) -> None:
+    """Oracle: the page's own fields, and the camera of the view, which looks from the right."""
+    settled(workspace)
+    assert window.saving is not None
+    window.saving.write_export(tmp_path / "seen.obj")
+    wait_until(lambda: "obj" in workspace.problems.sentence)
+    assert ".html" in workspace.problems.sentence and ".usda" in workspace.problems.sentence
+    workspace.context.viewer.face("right")
+    settled(workspace)
+    press(window, "Ctrl+E")
+    _save(window, tmp_path / "seen.html")
+    wait_until(lambda: "Wrote seen.html, " in window.note)
+    assert not workspace.problems.sentence
+    text = (tmp_path / "seen.html").read_text()
+    assert "<title>two" in text
+    assert workspace.context.viewer.cameras == ("/Camera",)  # the stage has no more
+
+
+def test_one_escape_closes_the_dialogs_of_pictures(window: Window, workspace: Workspace) -> None:
+    """Oracle: no dialog is left, though a number has the focus."""
+    for key, kind in (("F12", ScreenshotDialog), ("Ctrl+Shift+F", FlipbookDialog)):
+        press(window, key)
+        wait_until(lambda kind=kind: window.findChildren(kind))
+        dialog = window.findChild(kind)
+        dialog.activateWindow()
+        wait_until(dialog.isActiveWindow)
+        field = dialog.size_fields.width_field
+        field.setFocus()
+        QTest.keyClick(field, Qt.Key.Key_Escape)
+        wait_until(lambda kind=kind: not window.findChildren(kind))
+        window.activateWindow()
+        wait_until(window.isActiveWindow)
+
+
+def test_a_flipbook_that_is_stopped_says_how_far_it_came(
+    window: Window, workspace: Workspace, tmp_path: Path
+) -> None:
+    """Oracle: the files."""
+    settled(workspace)
+    assert window.saving is not None
+    window.saving.write_flipbook(tmp_path / "a.####.png", tuple(map(float, range(1, 25))))
+    wait_until(lambda: (tmp_path / "a.0002.png").exists())
+    window.findChild(QProgressDialog).canceled.emit()
+    wait_until(lambda: window.note.startswith("Stopped: "))
+    written = len(list(tmp_path.glob("a.*.png")))
+    assert 2 <= written < 24
+    assert window.note == f"Stopped: {written} of 24 frames written"
 
 
 def test_the_dialog_of_an_export_shows_every_format(window: Window, workspace: Workspace) -> None:

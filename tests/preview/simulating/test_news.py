@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from pathlib import Path
 
-from tests.preview.simulating.hosts import PATIENCE, shot
+from tests.preview.simulating.hosts import PATIENCE, running, shot
 from usdsplat.preview.document import Document
 from usdsplat.preview.session import Session
 from usdsplat.preview.simulating.runner import Runner
@@ -42,3 +42,17 @@ def test_news_of_other_threads_are_told_in_the_sessions(tmp_path: Path) -> None:
         session.close()
     assert threads == {"usdsplat session"}
     assert [each.frame for each in told if each.seconds][:20] == [float(n) for n in range(1, 21)]
+
+
+def test_what_was_chosen_for_the_user_is_a_note_and_no_message(tmp_path: Path) -> None:
+    """Oracle: the meaning of the finding's code; a budget that the user chose is a message."""
+    values = {"dissolve:enabled": True, "refine:spacing": 1e-3}
+    for budget, is_chosen in ((-1, False), (10, True)):
+        (tmp_path / str(budget)).mkdir()
+        stage = shot(tmp_path / str(budget), {**values, "refine:budget": budget}, last=2)
+        with running(stage) as (host, runner):
+            runner.step()
+            status = host.reached(1.0)
+        notes = ("Splats stay larger than refine:maxSize, because there are enough already.",)
+        assert status.notes == (() if is_chosen else notes)
+        assert ("refine:budget" in status.message) == is_chosen

@@ -6,6 +6,7 @@ import threading
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from pxr import Sdf, Usd
 
@@ -180,6 +181,38 @@ def test_a_recording_begins_when_the_one_before_writes_no_more(
         host.wait(lambda event: "frames of" in event.message)
         assert were_over == [True]
         assert files(target) == expected
+
+
+def test_stop_leaves_a_whole_bake_and_shows_its_frames(tmp_path: Path) -> None:
+    """Oracle: the bake's record; the arrays of its last frame are those that are drawn, and those
+    on the stage; a run removes them."""
+    stage = shot(tmp_path, LIVELY, last=LAST)
+    target = place(stage, "preview")
+    with running(stage) as (host, runner):
+        runner.record(target)
+        status = host.reached(3.0)
+        assert status.state == "recording" and status.recorded == (3, LAST)
+        assert status.frames is not None and status.frames[0] == 1.0
+        runner.pause()
+        assert runner.status.state == "paused" and runner.status.bake == ""
+        runner.stop()
+        status = host.wait(lambda event: bool(event.bake))
+        assert (status.state, status.bake) == ("paused", str(target))
+        assert status.recorded is not None
+        done, every = status.recorded
+        assert 3 <= done < LAST == every and status.frames == (1.0, done)
+        baked = Usd.Stage.Open(str(target))
+        (field,) = [prim for prim in baked.Traverse() if is_splat_field(prim)]
+        positions = field.GetAttribute("positions")
+        assert positions.GetTimeSamples()[-1] == done
+        on_stage = stage.GetAttributeAtPath(positions.GetPath())
+        np.testing.assert_array_equal(on_stage.Get(done), positions.Get(done))
+        runner.run()
+        assert host.reached(1.0).recorded is None
+        assert host.ended().frame == LAST
+        runner.reset()
+        assert not stage.GetSessionLayer().subLayerPaths
+    assert can_resume(target)
 
 
 def test_a_held_recording_goes_on(tmp_path: Path) -> None:

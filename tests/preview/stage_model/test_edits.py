@@ -368,3 +368,20 @@ def test_edits_since_the_last_save_are_known_also_when_a_drag_goes_on():
     assert not edits.has_unsaved
     edits.undo()
     assert edits.has_unsaved
+
+
+def test_edits_that_take_back_each_other_leave_nothing_to_save():
+    """Oracle: the text of the layer: neither hiding and showing nor two equal values say more."""
+    edits = Edits(rich())
+    edits.set_visible("/World/Cloud", False)
+    assert edits.has_unsaved
+    edits.set_visible("/World/Cloud", True)
+    assert not edits.has_unsaved
+    assert edits.layer.GetAttributeAtPath("/World/Cloud.visibility") is None
+    edits.undo()
+    assert edits.has_unsaved
+    edits.set_value("/World/Ball.radius", 3.0)
+    edits.note_saved()
+    edits.set_value("/World/Ball.radius", 4.0)
+    edits.set_value("/World/Ball.radius", 3.0)
+    assert not edits.has_unsaved

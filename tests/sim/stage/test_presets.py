@@ -74,6 +74,22 @@ def box(stage: Usd.Stage) -> np.ndarray:
     return np.percentile(points, (5, 95), axis=0)
 
 
+def test_a_preset_is_made_for_the_edited_capture(tmp_path) -> None:
+    """Oracle: USD's composition of the same opinions; the ball passes through the moved middle."""
+    made = capture(tmp_path)
+    made.SetEditTarget(made.GetSessionLayer())
+    UsdGeom.XformCommonAPI(made.GetPrimAtPath("/World")).SetTranslate((0, 7, 0))
+    edits, low_high = made.GetSessionLayer(), box(made)
+    plain, edited = Usd.Stage.Open(made.GetRootLayer()), tmp_path / "sim.usda"
+    author_preset("push", plain, edited, edits=edits)
+    stage = Usd.Stage.Open(str(edited))
+    np.testing.assert_allclose(box(stage), low_high, rtol=1e-6)
+    ball = stage.GetPrimAtPath("/World/Simulation/Ball")
+    ends = [UsdGeom.XformCache(at).GetLocalToWorldTransform(ball) for at in (1, 100)]
+    middle = np.mean([np.array(end.ExtractTranslation()) for end in ends], axis=0)
+    np.testing.assert_allclose(middle, low_high.mean(axis=0), atol=1e-4)
+
+
 @pytest.mark.parametrize("up", ["Y", "Z"])
 @pytest.mark.parametrize("name", PRESETS)
 def test_a_preset_is_a_stage_that_holds_the_capture(name, up, tmp_path) -> None:

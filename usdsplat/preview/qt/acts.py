@@ -81,12 +81,12 @@ def acts_of(window: Acting) -> dict[str, Callable[[], Any]]:
         "frame_all": lambda: here().context.viewer.frame(()),
         "free_camera": lambda: here().free_camera(),
         "save_camera": lambda: here().save_camera(),
-        "add_bookmark": lambda: here().context.viewer.add_bookmark(),
+        "add_bookmark": lambda: here().add_bookmark(),
         "flip": window.flip,
         "hud": lambda: here().toggle_hud(),
         **{
             name: partial(lambda name: here().toggle_overlay(name), name)
-            for name in ("bounds", "wireframe", "lights")
+            for name in ("bounds", "wireframe", "lights", "affectors")
         },
         "levels": lambda: here().toggle_levels(),
         "compare": lambda: here().toggle_compare(),
@@ -107,7 +107,7 @@ def acts_of(window: Acting) -> dict[str, Callable[[], Any]]:
         "sim_run": lambda: here().simulation.toggle(),
         "sim_step": lambda: here().simulation.one_step(),
         "sim_reset": lambda: here().simulation.to_start(),
-        "sim_record": lambda: here().simulation.ask_record(),
+        "sim_record": lambda: here().simulation.record_or_stop(),
         "help": window.show_help,
         "about": window.about,
     }

@@ -15,6 +15,7 @@ from usdsplat.preview.document import Document
 from usdsplat.preview.qt.panel_context import PanelContext
 from usdsplat.preview.qt.picture_dialogs import ask_name
 from usdsplat.preview.qt.save_dialogs import BAKES
+from usdsplat.preview.stage_model.saving import user_edits
 from usdsplat.products.presets import make_stage
 
 WORDS = {
@@ -27,8 +28,8 @@ WORDS = {
 }
 """Preset -> what it does with a capture; those that need no second file."""
 ABOUT = (
-    "Nothing is simulated on this stage. Each of these writes a new stage, with the capture, a "
-    "simulation and what acts on it, and opens it."
+    "Nothing is simulated on this stage. Each of these writes a new stage, with the capture, your "
+    "edits, a simulation and what acts on it, and opens it. The view stays."
 )
 
 
@@ -73,7 +74,12 @@ class FirstSimulation(QWidget):
             self._context.complain(str(error))
 
         def done(_: object) -> None:
+            # asked again: an edit may have been made since
+            self._context.proxy.ask(lambda document: document.edits.has_unsaved, announce)
+
+        def announce(has_unsaved: bool) -> None:
             ended()
+            self._context.has_unsaved = has_unsaved
             self.made.emit(path)
 
         self._context.proxy.ask(partial(_make, preset=preset, path=path), done, failed)
@@ -84,8 +90,11 @@ class FirstSimulation(QWidget):
 
 
 def _make(document: Document, *, preset: str, path: Path) -> None:
-    """Write the stage of a preset for a document's file."""
+    """Write the stage of a preset for a document's file, with the edits of the session."""
     sources = document.sources
     if sources is None:
         raise StageError("simulation", "a stage in memory", "one from a file")
-    make_stage(preset, sources.path, path, axes=sources.axes, progress=silent)
+    with document.lock:
+        edits = user_edits(document.stage)
+    make_stage(preset, sources.path, path, axes=sources.axes, progress=silent, edits=edits)
+    document.edits.note_saved()

@@ -96,6 +96,10 @@ def _to_end(painter: QPainter) -> None:
     _bar(painter, 11.0)
 
 
+def _stop(painter: QPainter) -> None:
+    painter.drawRect(QRectF(4.0, 4.0, 8.0, 8.0))
+
+
 def _record(painter: QPainter) -> None:
     painter.drawEllipse(QPointF(8.0, 8.0), 5.0, 5.0)
 
@@ -235,6 +239,7 @@ _DRAWN: dict[str, Callable[[QPainter], None]] = {
     "to start": _to_start,
     "to end": _to_end,
     "record": _record,
+    "stop": _stop,
     "reset": _reset,
     "loop": _loop,
     "eye": _eye,

@@ -81,6 +81,13 @@ KEYS = (
     Key(name="bounds", menu="View", text="Bounds of everything", keys=("B",), is_checkable=True),
     Key(name="wireframe", menu="View", text="Wireframe of meshes", keys=("4",), is_checkable=True),
     Key(name="lights", menu="View", text="Lights", keys=("L",), is_checkable=True),
+    Key(
+        name="affectors",
+        menu="View",
+        text="Affectors of simulations",
+        keys=("G",),
+        is_checkable=True,
+    ),
     Key(name="levels", menu="View", text="Levels of splat trees", keys=("5",), is_checkable=True),
     Key(
         name="compare",
@@ -107,7 +114,7 @@ KEYS = (
     Key(name="sim_run", menu="Simulation", text="Run or pause", keys=("Ctrl+Space",)),
     Key(name="sim_step", menu="Simulation", text="One frame", keys=("Ctrl+Right",)),
     Key(name="sim_reset", menu="Simulation", text="Back to the start", keys=("Ctrl+Home",)),
-    Key(name="sim_record", menu="Simulation", text="Record to a bake…", begins=True),
+    Key(name="sim_record", menu="Simulation", text="Record to a bake, or stop…", begins=True),
     Key(name="help", menu="Help", text="Keys and gestures", keys=("F1",)),
     Key(name="about", menu="Help", text="About"),
 )

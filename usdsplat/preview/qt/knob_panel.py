@@ -30,7 +30,8 @@ class KnobPanel(QWidget):
     nothing while hidden.
 
     Args:
-        open_groups: Number of groups that are open at first; None for all.
+        open_groups: Number of groups that are open at first: the first one, and those in which most
+            is authored; None for all.
     """
 
     changed = Signal(str, object, str)
@@ -86,13 +87,22 @@ class KnobPanel(QWidget):
             group.hide()
             group.deleteLater()
         self._groups = {}
-        for number, (name, editors) in enumerate(groups.items()):
-            is_first = self._open_groups is None or number < self._open_groups
+        first = self._first(groups)
+        for name, editors in groups.items():
             group = _Group(name, editors, panel=self)
-            group.open(was_open.get(name, is_first))
+            group.open(was_open.get(name, name in first))
             group.show_more(was_long.get(name, False))
             self._groups[name] = group
             self._column.addWidget(group)
+
+    def _first(self, groups: dict[str, list[Editor]]) -> list[str]:
+        """Return the names of the groups that are open at first."""
+        names = list(groups)
+        if self._open_groups is None or not names:
+            return names
+        authored = {name: sum(each.is_authored for each in groups[name]) for name in names}
+        others = sorted(names[1:], key=lambda name: -authored[name])
+        return [names[0], *others[: self._open_groups - 1]]
 
 
 class _Group(QWidget):
@@ -268,6 +278,8 @@ def tool_tip(editor: Editor) -> str:
 
 def value_text(editor: Editor, value: object) -> str:
     """Format a value of an editor."""
+    if isinstance(value, int | float) and value < 0 and editor.negative_label:
+        return editor.negative_label
     if value is None:
         return editor.none_label or "nothing"
     if isinstance(value, bool):

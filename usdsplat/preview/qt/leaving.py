@@ -10,24 +10,42 @@ from PySide6.QtWidgets import QMessageBox, QWidget
 from usdsplat.preview.qt.save_dialogs import Saving
 from usdsplat.preview.qt.workspace import Workspace
 
-RECORDS = "A recording is not finished. Its frames stay as a whole bake, and Record can resume it."
-EDITED = "The edits of {name} are on its session layer, which is not saved."
+RECORDS = (
+    "Stop the recording before {event}? Its frames stay as a whole bake, and Record resumes it."
+)
+EDITED = "Save your edits to {name} before {event}? They go to a layer of their own."
+MARKED = "Bookmarks are forgotten: {names}. Save those that matter as cameras first."
+CLOSES = "the window closes"
+"""The event before which is asked, as part of a sentence."""
 
 
-def losses(workspace: Workspace | None) -> tuple[str, ...]:
-    """Return a sentence for everything that is lost or ends when a stage is left."""
+def losses(workspace: Workspace | None, event: str = CLOSES) -> tuple[str, ...]:
+    """Return a question for everything that is lost or ends when a stage is left."""
     if workspace is None:
         return ()
-    is_recording = workspace.simulation.status.state == "recording"
-    edited = EDITED.format(name=workspace.opened.name) if workspace.context.has_unsaved else ""
-    return tuple(filter(None, (RECORDS if is_recording else "", edited)))
+    edited = EDITED.format(name=workspace.opened.name, event=event)
+    asked = (
+        RECORDS.format(event=event) if workspace.simulation.is_recording else "",
+        edited if workspace.context.has_unsaved else "",
+    )
+    return tuple(filter(None, asked))
 
 
 def ask_to_leave(
-    window: QWidget, workspace: Workspace, saving: Saving, leave: Callable[[], None]
+    window: QWidget, workspace: Workspace, saving: Saving, leave: Callable[[], None], event: str
 ) -> QMessageBox:
-    """Show what would be lost. `leave` is called if the user goes on, after saving if asked."""
-    words = "\n\n".join(losses(workspace))
+    """Ask before something is lost. `leave` is called if the user goes on, after saving if asked.
+
+    Args:
+        window: Parent of the question.
+        workspace, saving: What is left.
+        leave: Leaves it.
+        event: What happens then, as part of a sentence, such as "the window closes".
+    """
+    words = "\n\n".join(losses(workspace, event))
+    marks = workspace.context.viewer.bookmarks
+    if marks:
+        words += "\n\n" + MARKED.format(names=", ".join(mark.name for mark in marks))
     box = QMessageBox(QMessageBox.Icon.Warning, "usdsplat", words, parent=window)
     box.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
     if workspace.context.has_unsaved:

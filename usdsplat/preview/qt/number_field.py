@@ -6,7 +6,7 @@ import math
 
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QFocusEvent, QKeyEvent, QWheelEvent
-from PySide6.QtWidgets import QLineEdit, QWidget
+from PySide6.QtWidgets import QDialog, QLineEdit, QWidget
 
 from usdsplat.preview.qt import style
 
@@ -20,6 +20,7 @@ class NumberField(QLineEdit):
         unit: Unit, shown while nothing is typed.
         step: Step of an arrow key; with Shift ten times that, with Ctrl a tenth.
         none_label: Meaning of an empty field; "" if a number is required.
+        negative_label: Shown for negative numbers, and typed for -1; "" if they are shown.
     """
 
     entered = Signal(object)
@@ -35,6 +36,7 @@ class NumberField(QLineEdit):
         unit: str = "",
         step: float = 1.0,
         none_label: str = "",
+        negative_label: str = "",
         parent: QWidget | None = None,
     ) -> None:
         super().__init__(parent)
@@ -43,6 +45,7 @@ class NumberField(QLineEdit):
         self._unit = unit
         self._step = step
         self._none_label = none_label
+        self._negative_label = negative_label
         self._value: float | None = None
         self.setFont(style.digits())
         self.setAlignment(Qt.AlignmentFlag.AlignRight)
@@ -78,6 +81,8 @@ class NumberField(QLineEdit):
         elif event.key() == Qt.Key.Key_Escape:
             self._write()
             self.clearFocus()
+            if isinstance(self.window(), QDialog):
+                event.ignore()  # the dialog closes
         else:
             super().keyPressEvent(event)
 
@@ -91,7 +96,9 @@ class NumberField(QLineEdit):
 
     def _write(self) -> None:
         text = "" if self._value is None else number_text(self._value)
-        if text and self._unit and not self.hasFocus():
+        if self._is_automatic:
+            text = self._negative_label
+        elif text and self._unit and not self.hasFocus():
             longer = f"{text} {self._unit}"
             if self.fontMetrics().horizontalAdvance(longer) < self.width() - 14:
                 text = longer
@@ -114,7 +121,13 @@ class NumberField(QLineEdit):
             self.entered.emit(value)
         self._write()
 
+    @property
+    def _is_automatic(self) -> bool:
+        return bool(self._negative_label) and self._value is not None and self._value < 0
+
     def _parsed(self, text: str) -> float:
+        if self._negative_label and text.lower() in ("", self._negative_label):
+            return -1 if self._is_whole else -1.0
         if self._is_whole:
             return int(text)
         value = float(text)
@@ -130,7 +143,7 @@ class NumberField(QLineEdit):
             step *= 10
         elif modifiers & Qt.KeyboardModifier.ControlModifier and not self._is_whole:
             step /= 10
-        value = self._value + sign * step
+        value = (0.0 if self._is_automatic else self._value) + sign * step
         self.entered.emit(round(value) if self._is_whole else float(f"{value:.9g}"))
         self.selectAll()
 

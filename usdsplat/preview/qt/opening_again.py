@@ -26,6 +26,8 @@ class Source:
     """Axes of a capture that was turned in the window; None for those of the opener."""
     device: str | None = None
     """Device that was chosen in the window; None for that of the opener."""
+    is_same_scene: bool = False
+    """Whether it shows the scene that is open now, so that camera and bookmarks are kept."""
 
     @property
     def name(self) -> str:

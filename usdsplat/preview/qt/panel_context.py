@@ -12,7 +12,7 @@ from usdsplat.preview.document import Document
 from usdsplat.preview.latest_request import LatestRequest
 from usdsplat.preview.qt.session_proxy import SessionProxy
 from usdsplat.preview.stage_model.edits import Edits
-from usdsplat.preview.values import Picture, Problem, StageChanged
+from usdsplat.preview.values import Picture, Problem, SimulationStatus, StageChanged
 from usdsplat.preview.viewer import Viewer
 
 GLIDE = 0.25
@@ -31,6 +31,10 @@ class PanelContext(QObject):
 
     view_changed = Signal()
     """The viewer's state, timeline, bookmarks or selection has changed."""
+    settled = Signal(str)
+    """A problem, by its sentence, is over."""
+    said = Signal(str)
+    """Something was done, in a sentence."""
     history_changed = Signal(object, object)
     """Labels of the next undo and redo; text or None."""
 
@@ -40,13 +44,17 @@ class PanelContext(QObject):
         self.viewer = Viewer(proxy, changed=self.view_changed.emit, glide=GLIDE)
         self.picture: Picture | None = None
         """The last picture."""
+        self.simulation = SimulationStatus(state="none")
+        """The last status of the simulation."""
+        self.baked: tuple[float, float] | None = None
+        """First and last frame of the stage's bake [time code]; None without a bake."""
         self.has_unsaved = False
         """Whether the session layer has edits that are not saved, as far as is known."""
         self._drags: dict[str, LatestRequest] = {}
         """Requests of drags in progress, by name."""
         self._history = Question(self, self._ask_history)
         proxy.picture.connect(self._keep)
-        proxy.simulation.connect(self.viewer.simulated)
+        proxy.simulation.connect(self._simulated)
         proxy.stage_changed.connect(self._stage_changed)
 
     @property
@@ -106,6 +114,10 @@ class PanelContext(QObject):
     def _stage_changed(self, event: StageChanged) -> None:
         self._history.refresh()
         self.viewer.stage_changed(event)
+
+    def _simulated(self, status: SimulationStatus) -> None:
+        self.simulation = status
+        self.viewer.simulated(status)
 
     def _keep(self, picture: Picture) -> None:
         self.picture = picture

@@ -25,6 +25,8 @@ from usdsplat.preview.qt.number_field import NumberField
 from usdsplat.preview.qt.panel_context import PanelContext
 
 PICTURES = "Pictures (*.png *.jpg *.exr)"
+STILL = "Nothing is simulated yet: run or record it first."
+"""Hint for a stage whose simulation has no frames: pictures would show the capture as it is."""
 LARGEST = 16384
 """Largest width and height [pixel]."""
 
@@ -129,14 +131,19 @@ class FlipbookDialog(QDialog):
         super().__init__(parent)
         self.setWindowTitle("Flipbook")
         self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
-        timeline = context.viewer.timeline
+        timeline, simulated = context.viewer.timeline, context.simulation.frames
+        first, last = simulated or (timeline.start, timeline.end)
+        is_still = context.viewer.has_simulation and not (simulated or context.baked)
+        self.hint = QLabel(STILL)
+        self.hint.setProperty("role", "animated")
+        self.hint.setVisible(is_still)
         self._complain = context.complain
         self.first, self.last, self.step = (
             NumberField(name) for name in ("First frame", "Last frame", "Step")
         )
         for field, value in (
-            (self.first, timeline.start),
-            (self.last, timeline.end),
+            (self.first, first),
+            (self.last, last),
             (self.step, timeline.step),
         ):
             field.show_value(value)
@@ -166,6 +173,8 @@ class FlipbookDialog(QDialog):
             ("File", self.name),
         ):
             form.addRow(label, widget)
+        if is_still:
+            form.addRow(self.hint)
         form.addRow(self.buttons)
 
     def frames(self) -> tuple[float, ...]:

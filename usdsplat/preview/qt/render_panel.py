@@ -17,6 +17,7 @@ from PySide6.QtWidgets import (
 )
 
 from usdsplat.preview.display import choices
+from usdsplat.preview.kept_view import COLOUR
 from usdsplat.preview.knob_model import Editor, editors_of
 from usdsplat.preview.qt import style
 from usdsplat.preview.qt.knob_panel import KnobPanel
@@ -38,10 +39,7 @@ FIRST = {
         "dome_samples",
     ),
     "Levels of detail": ("lod_error", "lod_samples", "node_memory", "node_lifetime"),
-    "Colour": (
-        *("color_mode", "blend_space", "working_space"),
-        *("ocio_config", "ocio_display", "ocio_view", "ocio_look", "inverse_max"),
-    ),
+    "Colour": COLOUR,
 }
 """Group -> knobs; others are in "Sampling"."""
 

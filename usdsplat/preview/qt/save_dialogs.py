@@ -49,6 +49,8 @@ class Saving(QObject):
         self._context = context
         self._said = said
         self._window = window
+        self._complaint = ""
+        """Sentence of the last problem."""
 
     def session_layer(self, then: Callable[[], None] = lambda: None) -> None:
         """Ask for a file and save the session layer, which can be stacked over the stage."""
@@ -68,7 +70,7 @@ class Saving(QObject):
             self._context.refresh_history()
             then()
 
-        self._context.proxy.ask(task, done)
+        self._ask(task, done)
 
     def camera_layer(self) -> None:
         """Ask for a file and save the view as a camera in a layer."""
@@ -122,16 +124,9 @@ class Saving(QObject):
 
     def write_export(self, path: Path) -> None:
         """Write the splats that are visible at the current time."""
-        state = self._context.viewer.state
-
-        def failed(error: UsdSplatError) -> None:
-            self._said("")
-            self._context.complain(str(error))
-
+        state = self._state(None)
         self._said(f"Writing {path.name}…")
-        self._context.proxy.ask(
-            lambda document: exporting.export_seen(document, state, path), self._said, failed
-        )
+        self._ask(lambda document: exporting.export_seen(document, state, path), self._said)
 
     def write_flipbook(
         self, path: Path, frames: tuple[float, ...], size: tuple[int, int] | None = None
@@ -144,7 +139,7 @@ class Saving(QObject):
 
         def failed(error: UsdSplatError) -> None:
             progress.deleteLater()
-            self._context.complain(str(error))
+            self._complain(error)
 
         book = saving.Flipbook(state, frames, path, progress=reporter, cancel=progress.token)
 
@@ -153,8 +148,14 @@ class Saving(QObject):
                 ask()
                 return
             progress.deleteLater()
-            if book.files:
+            self._settle()
+            written, wanted = len(book.files), len(saving.targets(path, frames))
+            if written == wanted:
                 self._said(f"Wrote {book.files[0].name}{and_more(book.files)}")
+            elif wanted > 1:
+                self._said(f"Stopped: {written} of {wanted} frames written")
+            else:
+                self._said(f"Stopped: {path.name} is not written")
 
         def ask() -> None:
             # One frame per task, so that others can run.
@@ -173,7 +174,27 @@ class Saving(QObject):
         return replace(viewer.state, size=size or viewer.state.size, camera=camera)
 
     def _write(self, path: Path, task: Callable[[Document], Any]) -> None:
-        self._context.proxy.ask(task, lambda result: self._said(f"Wrote {path.name}"))
+        self._ask(task, lambda result: self._said(f"Wrote {path.name}"))
+
+    def _ask(self, task: Callable[[Document], Any], done: Callable[[Any], object]) -> None:
+        """Have something written; a success takes back the problem of the last try."""
+
+        def succeeded(result: Any) -> None:
+            self._settle()
+            done(result)
+
+        self._context.proxy.ask(task, succeeded, self._complain)
+
+    def _complain(self, error: UsdSplatError) -> None:
+        self._said("")
+        self._complaint = str(error)
+        self._context.complain(self._complaint)
+
+    def _settle(self) -> None:
+        """Take back the last problem; it is over."""
+        if self._complaint:
+            self._context.settled.emit(self._complaint)
+            self._complaint = ""
 
 
 class _Progress(QProgressDialog):

@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from PySide6.QtCore import Qt
+from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import (
     QFileDialog,
     QGridLayout,
@@ -53,6 +53,11 @@ _WORDS = {
 class SimulationPanel(QWidget):
     """Controls of the document's simulation; parameters are edited on the session layer."""
 
+    recorded = Signal(object)
+    """A bake became whole, a Path."""
+    open_requested = Signal(object)
+    """The user wants to see a bake, a Path."""
+
     def __init__(self, context: PanelContext, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self._context = context
@@ -64,14 +69,21 @@ class SimulationPanel(QWidget):
         self.run = _button("play", "Run", self.toggle)
         self.step = _button("step on", "Step", lambda: self._command("step"))
         self.reset = _button("reset", "Reset", lambda: self._command("reset"))
-        self.record = _button("record", "Record", self.ask_record)
-        self.record.setIcon(glyph("record", style.WRONG.name()))
-        self.record.setToolTip("Simulate to the end and write a bake")
+        self.record = _button("record", "Record", self.record_or_stop)
+        self._is_stopping = False
+        """Whether a recording was asked to stop, and finishes its bake."""
+        self.offers_bakes = False
+        """Whether someone opens bakes when `open_requested` is emitted."""
+        self.open_bake = QPushButton("Open the bake")
+        self.open_bake.clicked.connect(lambda: self.open_requested.emit(Path(self.status.bake)))
         self._state = QLabel()
         self._state.setProperty("role", "heading")
         self._facts = QLabel()
         self._facts.setFont(style.digits())
         self._facts.setProperty("role", "quiet")
+        self._notes = QLabel()
+        self._notes.setWordWrap(True)
+        self._notes.setProperty("role", "quiet")
         self._message = QLabel()
         self._message.setWordWrap(True)
         self._message.setProperty("role", "animated")
@@ -95,15 +107,18 @@ class SimulationPanel(QWidget):
 
     def show_status(self, status: SimulationStatus) -> None:
         """Show the status of the simulation."""
-        self.status = status
+        before, self.status = self.status.bake, status
         has_one, goes = status.state != "none", status.state in _GOES
-        self.run.setText("Pause" if goes else "Run")
+        records = self.is_recording
+        self._is_stopping = self._is_stopping and records
+        self.run.setText("Pause" if goes else "Continue" if records else "Run")
         self.run.setIcon(glyph("pause" if goes else "play"))
-        for button in (self.run, self.step, self.reset, self.record):
-            button.setEnabled(has_one)
-        self.step.setEnabled(has_one and not goes)
-        self.record.setEnabled(has_one and status.state != "recording")
-        self._state.setText(_WORDS[status.state])
+        for button in (self.run, self.reset):
+            button.setEnabled(has_one and not self._is_stopping)
+        self.step.setEnabled(has_one and not goes and not records)
+        self._show_record(status)
+        self.record.setEnabled(has_one and not self._is_stopping)
+        self._state.setText(_state_text(status, self._context.baked))
         facts = []
         if status.frame is not None:
             end = "" if status.end is None else f" of {status.end:g}"
@@ -113,8 +128,14 @@ class SimulationPanel(QWidget):
         if status.seconds:
             facts.append(f"{status.seconds * 1000:.0f} ms/frame")
         self._facts.setText("   ".join(facts))
-        self._message.setText(status.message)
-        self._message.setVisible(bool(status.message))
+        self._notes.setText("\n".join(status.notes))
+        self._notes.setVisible(bool(status.notes))
+        told = _recorded_text(status) if status.bake else "" if records else status.message
+        self._message.setText(told)
+        self._message.setVisible(bool(told))
+        self.open_bake.setVisible(self.offers_bakes and bool(status.bake))
+        if status.bake and status.bake != before:
+            self.recorded.emit(Path(status.bake))
         self._pages.setCurrentIndex(int(has_one))
 
     def toggle(self) -> None:
@@ -134,6 +155,20 @@ class SimulationPanel(QWidget):
         dialog = ask_name(self, "Record to a bake", BAKES, "bake.usda", self.record_to)
         dialog.setOption(QFileDialog.Option.DontConfirmOverwrite)
 
+    def record_or_stop(self) -> None:
+        """Ask for a file and record; or stop the recording."""
+        if not self.is_recording:
+            self.ask_record()
+            return
+        self._is_stopping = True
+        self._command("stop")
+        self.show_status(self.status)
+
+    @property
+    def is_recording(self) -> bool:
+        """Whether a bake is recorded, held or not."""
+        return self.status.recorded is not None and not self.status.bake
+
     def record_to(self, path: Path) -> None:
         """Simulate to the end and write a bake; ask first about an existing file."""
         if not path.exists():
@@ -144,6 +179,17 @@ class SimulationPanel(QWidget):
         )
 
     # --- private ----------------------------------------------------------------------------
+
+    def _show_record(self, status: SimulationStatus) -> None:
+        """Show the button that records as one that stops, while it records."""
+        words, tip, icon = "Record", "Simulate to the end and write a bake", "record"
+        if self.is_recording and status.recorded is not None:
+            done, total = status.recorded
+            words = f"Stop ({done} of {total})" if total else "Stop"
+            tip, icon = "End the recording; the bake has the frames so far", "stop"
+        self.record.setText("Finishing…" if self._is_stopping else words)
+        self.record.setToolTip(tip)
+        self.record.setIcon(glyph(icon, style.WRONG.name()))
 
     def _ask_what_becomes_of(self, path: Path, goes_on: bool) -> None:
         words = "is a recording that was stopped" if goes_on else "exists"
@@ -169,13 +215,16 @@ class SimulationPanel(QWidget):
         rows.setSpacing(5)
         buttons = QGridLayout()
         buttons.setSpacing(4)
-        for place, button in enumerate((self.run, self.step, self.reset, self.record)):
+        for place, button in enumerate((self.run, self.step, self.reset)):
             buttons.addWidget(button, 0, place)
             buttons.setColumnStretch(place, 1)
+        buttons.addWidget(self.record, 1, 0, 1, 3)
         rows.addLayout(buttons)
         rows.addWidget(self._state)
         rows.addWidget(self._facts)
+        rows.addWidget(self._notes)
         rows.addWidget(self._message)
+        rows.addWidget(self.open_bake)
         rows.addWidget(self.prims)
         rows.addWidget(self.search)
         body = QWidget()
@@ -274,6 +323,24 @@ def _button(icon: str, words: str, act: Callable[[], Any]) -> QPushButton:
     return button
 
 
+def _state_text(status: SimulationStatus, baked: tuple[float, float] | None) -> str:
+    """Return the heading of a state."""
+    if status.state == "paused" and status.recorded is not None and not status.bake:
+        return "Recording, paused"
+    if status.state == "ready" and baked is not None:
+        return f"Baked, frames {baked[0]:g}–{baked[1]:g}"
+    return _WORDS[status.state]
+
+
+def _recorded_text(status: SimulationStatus) -> str:
+    """Return a sentence about a bake that is whole."""
+    done, total = status.recorded or (0, 0)
+    name = Path(status.bake).name
+    if done == total:
+        return f"{done} frames recorded: {name}."
+    return f"{done} of {total} frames recorded: {name}. Record to it again to add the others."
+
+
 def _simulation(document: Document) -> Any:
     if document.simulation is None:
         raise StageError("simulation", "no SplatSim prim", "a stage with one")
@@ -287,6 +354,7 @@ def _do(document: Document, *, name: str) -> None:
         "pause": simulation.pause,
         "step": simulation.step,
         "reset": simulation.reset,
+        "stop": simulation.stop,
     }[name]()
 
 

@@ -49,6 +49,7 @@ class TimelineBar(QWidget):
         self.start = self._field("First frame", lambda to: self._set_range(start=to))
         line.addWidget(self.start)
         self.ruler = TimelineRuler()
+        self.ruler.show_baked(context.baked)
         self.ruler.scrubbed.connect(lambda time: viewer.set_time(time, is_scrubbing=True))
         self.ruler.released.connect(viewer.end_move)
         line.addWidget(self.ruler, 1)

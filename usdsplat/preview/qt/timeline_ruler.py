@@ -1,4 +1,4 @@
-"""The timeline ruler: ticks, simulated frames and the current frame."""
+"""The timeline ruler: ticks, baked and simulated frames, and the current frame."""
 
 from __future__ import annotations
 
@@ -29,9 +29,11 @@ class TimelineRuler(QWidget):
         self._current: float | None = None
         self.cached: tuple[float, float] | None = None
         """First and last simulated frame."""
+        self.baked: tuple[float, float] | None = None
+        """First and last frame of the stage's bake."""
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
         self.setCursor(Qt.CursorShape.PointingHandCursor)
-        self.setToolTip("Drag to scrub; with Ctrl between frames")
+        self.show_baked(None)
 
     def sizeHint(self) -> QSize:
         return QSize(400, 34)
@@ -49,6 +51,13 @@ class TimelineRuler(QWidget):
     def show_cached(self, frames: tuple[float, float] | None) -> None:
         """Set the first and last simulated frame."""
         self.cached = frames
+        self.update()
+
+    def show_baked(self, frames: tuple[float, float] | None) -> None:
+        """Set the first and last frame of the stage's bake."""
+        self.baked = frames
+        told = "" if frames is None else f"\nBaked: frames {frames[0]:g} to {frames[1]:g}"
+        self.setToolTip(f"Drag to scrub; with Ctrl between frames{told}")
         self.update()
 
     def position(self, time: float) -> float:
@@ -81,7 +90,8 @@ class TimelineRuler(QWidget):
     def paintEvent(self, event: QPaintEvent) -> None:
         painter = QPainter(self)
         painter.fillRect(self.rect(), style.SUNK)
-        self._paint_cached(painter)
+        self._paint_band(painter, self.baked, style.ACCENT)
+        self._paint_band(painter, self.cached, style.CACHED)
         self._paint_ticks(painter)
         if self._current is not None:
             self._paint_current(painter, self._current)
@@ -92,11 +102,15 @@ class TimelineRuler(QWidget):
         whole = not event.modifiers() & Qt.KeyboardModifier.ControlModifier
         self.scrubbed.emit(self.time_at(event.position().x(), whole=whole))
 
-    def _paint_cached(self, painter: QPainter) -> None:
-        if self.cached is None:
+    def _paint_band(
+        self, painter: QPainter, frames: tuple[float, float] | None, color: QColor
+    ) -> None:
+        """Paint a band below the ticks, of the frames within the range."""
+        start, end = self._range
+        if frames is None or frames[1] < start or frames[0] > end:
             return
-        left, right = (self.position(time) for time in self.cached)
-        painter.fillRect(QRectF(left - 1.0, self.height() - 4.0, right - left + 2.0, 4.0), _MADE)
+        left, right = self.position(max(frames[0], start)), self.position(min(frames[1], end))
+        painter.fillRect(QRectF(left - 1.0, self.height() - 4.0, right - left + 2.0, 4.0), color)
 
     def _paint_ticks(self, painter: QPainter) -> None:
         start, end = self._range
@@ -126,9 +140,6 @@ class TimelineRuler(QWidget):
         painter.setBrush(style.ANIMATED)
         corners = ((-5.0, 0.0), (5.0, 0.0), (5.0, 4.0), (0.0, 9.0), (-5.0, 4.0))
         painter.drawPolygon(QPolygonF([QPointF(x + dx, dy) for dx, dy in corners]))
-
-
-_MADE = QColor(style.CACHED)
 
 
 def tick_step(length: float, pixels: float) -> float:

@@ -83,7 +83,8 @@ class Viewport(QWidget):
         self.space: Space = "world"
         self.shows_hud = True
         self._image = QImage()
-        self._edges = EdgeLines()
+        self._edges = EdgeLines(lambda overlays: overlays.edges)
+        self._affectors = EdgeLines(lambda overlays: overlays.affectors)
         self._rate = Rate()
         self._moves = Moves()
         self._hold: Hold | None = None
@@ -187,6 +188,7 @@ class Viewport(QWidget):
             ratio=self.devicePixelRatioF(),
             projection=self.projection,
             edges=self._edges.of(self.picture, self._size(), self.projection),
+            affectors=self._affectors.of(self.picture, self._size(), self.projection),
             manipulator=self.manipulator,
             hot=self._hot.handle,
             hot_light=self._hot.light,

@@ -1,4 +1,4 @@
-"""Paint figures of the stage over a picture: lights at their places, and edges of meshes.
+"""Paint figures of the stage over a picture: lights at their places, edges, and affectors.
 
 Lengths are in viewport pixels; `ratio` is viewport pixels per window pixel.
 """
@@ -6,14 +6,14 @@ Lengths are in viewport pixels; `ratio` is viewport pixels per window pixel.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import pairwise
 
 from PySide6.QtCore import QLineF, QPointF, Qt
 from PySide6.QtGui import QColor, QPainter, QPen
 
 from usdsplat.core.cloud import F64
-from usdsplat.preview.overlays import LightMark, MeshEdges
+from usdsplat.preview.overlays import LightMark, MeshEdges, Overlays
 from usdsplat.preview.projection import Pixel, Projection
 from usdsplat.preview.values import Picture
 
@@ -21,6 +21,7 @@ LAMP = QColor(236, 206, 120)
 CHOSEN = QColor(255, 255, 255)
 SEAM = QColor(0, 0, 0, 150)
 EDGE = QColor(150, 190, 220, 170)
+ACTING = QColor(112, 214, 196)
 LAMP_RADIUS = 5.0
 """Radius of the icon of a light [pixel of the window]."""
 LAMP_REACH = 11.0
@@ -77,9 +78,14 @@ def paint_lights(
 
 
 class EdgeLines:
-    """The edges of meshes as lines of a viewport, made once for a picture and a size."""
+    """Edges as lines of a viewport, made once for a picture and a size.
 
-    def __init__(self) -> None:
+    Args:
+        edges: Returns the edges among the overlays of a picture.
+    """
+
+    def __init__(self, edges: Callable[[Overlays], Sequence[MeshEdges]]) -> None:
+        self._edges = edges
         self._of: tuple[Picture, tuple[int, int]] | None = None
         self._lines: list[QLineF] = []
 
@@ -96,7 +102,9 @@ class EdgeLines:
         if self._of is None or self._of[0] is not picture or self._of[1] != size:
             self._of = picture, size
             self._lines = [
-                line for each in picture.overlays.edges for line in _lines_of(each, projection)
+                line
+                for each in self._edges(picture.overlays)
+                for line in _lines_of(each, projection)
             ]
         return self._lines
 
@@ -105,6 +113,13 @@ def paint_edges(painter: QPainter, lines: Sequence[QLineF], *, ratio: float) -> 
     """Paint the edges of meshes."""
     painter.setPen(QPen(EDGE, ratio))
     painter.drawLines(lines)
+
+
+def paint_affectors(painter: QPainter, lines: Sequence[QLineF], *, ratio: float) -> None:
+    """Paint the outlines of what acts on simulations, visible on light and dark splats."""
+    for color, width in ((SEAM, 2.6), (ACTING, 1.1)):
+        painter.setPen(QPen(color, width * ratio))
+        painter.drawLines(lines)
 
 
 def _lines_of(edges: MeshEdges, projection: Projection) -> Iterator[QLineF]:

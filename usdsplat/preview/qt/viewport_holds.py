@@ -11,7 +11,7 @@ from typing import Protocol
 from PySide6.QtCore import Qt
 
 from usdsplat.preview.dragging import as_matrix, begin_drag
-from usdsplat.preview.manipulator import Handle, Manipulator
+from usdsplat.preview.manipulator import Handle, Manipulator, Mode
 from usdsplat.preview.projection import Pixel, Projection
 from usdsplat.preview.qt.viewport_navigation import (
     CURSORS,
@@ -26,6 +26,9 @@ Rectangle = tuple[float, float, float, float]
 """Left, top, right and bottom edge."""
 CLICK = 4.0
 """Distance from which a press becomes a drag [pixel of the window]."""
+
+_VERBS: dict[Mode, str] = {"translate": "Move", "rotate": "Turn", "scale": "Scale"}
+"""What a drag of the manipulator does, for the name of its undo."""
 
 
 class Hold(Protocol):
@@ -179,7 +182,7 @@ class HandleHold:
         self.handle = handle
         self._viewer = viewer
         self._drag = begin_drag(manipulator, handle, pixel, projection)
-        viewer.begin_drag()
+        viewer.begin_drag(_VERBS[manipulator.mode])
 
     def move(self, pixel: Pixel, modifiers: Qt.KeyboardModifier) -> None:
         """Move the prim by the pointer."""

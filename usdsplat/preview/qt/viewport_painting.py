@@ -66,6 +66,8 @@ class Scene:
     projection: Projection
     edges: Sequence[QLineF]
     """The edges of meshes."""
+    affectors: Sequence[QLineF]
+    """The outlines of what acts on simulations."""
     manipulator: Manipulator | None
     hot: Handle | None
     """The handle under the pointer."""
@@ -118,6 +120,7 @@ def _paint_placed(painter: QPainter, scene: Scene) -> None:
     ratio, (width, height) = scene.ratio, scene.size
     over, state = scene.picture.overlays, scene.picture.state
     figures.paint_edges(painter, scene.edges, ratio=ratio)
+    figures.paint_affectors(painter, scene.affectors, ratio=ratio)
     boxes = (*over.bounds, *scene.picture.boxes)
     overlays.paint_boxes(painter, boxes, scene.projection, ratio=ratio)
     figures.paint_lights(

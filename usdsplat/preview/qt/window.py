@@ -24,11 +24,12 @@ from usdsplat.interchange.files import SUFFIXES
 from usdsplat.preview.opening import open_document
 from usdsplat.preview.qt import remembered, style
 from usdsplat.preview.qt.acts import acts_of
+from usdsplat.preview.qt.camera_menu import CameraEntries
 from usdsplat.preview.qt.empty_page import EmptyPage
 from usdsplat.preview.qt.glyphs import glyph, window_icon
 from usdsplat.preview.qt.help_dialog import HelpDialog, show_about
 from usdsplat.preview.qt.keys import KEYS, MENUS, Key
-from usdsplat.preview.qt.leaving import ask_to_leave, losses
+from usdsplat.preview.qt.leaving import CLOSES, ask_to_leave, losses
 from usdsplat.preview.qt.message_bar import MessageBar, above
 from usdsplat.preview.qt.opening_again import Opener, Source
 from usdsplat.preview.qt.recent_menu import RecentMenu
@@ -37,6 +38,7 @@ from usdsplat.preview.qt.session_proxy import SessionProxy
 from usdsplat.preview.qt.workspace import Workspace
 from usdsplat.preview.session import Session
 from usdsplat.preview.values import Busy, Opened, Problem
+from usdsplat.preview.viewer import Viewer
 
 TOOLS = ("tool_none", "tool_translate", "tool_rotate", "tool_scale")
 PURPOSES = ("render", "proxy", "guide")
@@ -118,20 +120,27 @@ class Window(QMainWindow):
         """Open the capture again, turned upside down; a stage has its own axes and stays."""
         workspace, source = self.workspace, self._source
         if workspace is not None and source is not None and workspace.opened.axes:
-            self._open(replace(source, axes=flipped(workspace.opened.axes)))
+            axes = flipped(workspace.opened.axes)
+            self._open(replace(source, axes=axes, is_same_scene=False))
 
     def open_with(self, opener: Opener, *, path: Path | None = None) -> None:
         """Open a document by a function, which has a path if it is that of a file."""
         self._open(Source(opener=opener, path=path))
 
     def _open(self, source: Source) -> None:
-        self._unless_kept(partial(self._read, source))
+        opens = f"you open {source.name or 'something else'}"
+        self._unless_kept(partial(self._read, source), opens)
 
-    def _unless_kept(self, leave: Callable[[], None]) -> None:
-        """Call a function, after asking if edits or a recording would be lost by it."""
+    def _unless_kept(self, leave: Callable[[], None], event: str) -> None:
+        """Call a function, after asking if edits or a recording would be lost by it.
+
+        Args:
+            leave: The function.
+            event: What it does, as part of a sentence.
+        """
         workspace, saving = self.workspace, self.saving
         if workspace is not None and saving is not None and losses(workspace):
-            ask_to_leave(self, workspace, saving, leave)
+            ask_to_leave(self, workspace, saving, leave, event)
         else:
             leave()
 
@@ -156,15 +165,20 @@ class Window(QMainWindow):
         proxy.problem.disconnect()
         proxy.opened.disconnect()
         old = self.workspace
-        workspace = Workspace(proxy, opened, device=self._device)
+        kept = None if old is None else old.kept(is_same_scene=source.is_same_scene)
+        workspace = Workspace(proxy, opened, device=self._device, kept=kept)
         self.workspace = workspace
         self.saving = Saving(workspace.context, said=self._say_briefly, window=self)
         workspace.device_chosen.connect(self._use_device)
-        workspace.simulation.first.made.connect(self.open)
+        workspace.simulation.first.made.connect(self._open_made)
+        workspace.simulation.recorded.connect(remembered.note_file)
+        workspace.simulation.open_requested.connect(self._open_made)
+        workspace.simulation.offers_bakes = True
         workspace.viewport.manipulator_changed.connect(self._follow)
         workspace.strip.show_tools([self.actions_by_name[name] for name in TOOLS])
         workspace.context.history_changed.connect(self._show_history)
         workspace.context.view_changed.connect(self._follow)
+        workspace.context.said.connect(self._say_briefly)
         workspace.context.proxy.picture.connect(
             lambda picture: self._show_warnings(picture.warnings)
         )
@@ -212,7 +226,12 @@ class Window(QMainWindow):
     def _use_device(self, device: str) -> None:
         """Open the document again on another device."""
         if self._source is not None:
-            self._open(replace(self._source, device=device))
+            self._open(replace(self._source, device=device, is_same_scene=True))
+
+    def _open_made(self, path: Path) -> None:
+        """Open the stage of a preset or a bake, which has the scene of the open one."""
+        opener = partial(open_document, path, device=self._device, threads=self._threads)
+        self._open(Source(opener=opener, path=path, is_same_scene=True))
 
     # --- actions ---------------------------------------------------------------------------
 
@@ -256,7 +275,7 @@ class Window(QMainWindow):
     def closeEvent(self, event: QCloseEvent) -> None:
         if not self._leaves and losses(self.workspace):
             event.ignore()
-            self._unless_kept(self.leave)
+            self._unless_kept(self.leave, CLOSES)
             return
         remembered.keep_place(self)
         self._forget_pending()
@@ -286,9 +305,7 @@ class Window(QMainWindow):
             self._purposes[purpose] = action
         self._recent = RecentMenu(self, opens=self.open)
         menus["File"].insertMenu(self.actions_by_name["new"], self._recent)
-        menus["Camera"].aboutToShow.connect(self._fill_cameras)
-        self._camera_menu = menus["Camera"]
-        self._cameras: list[QAction] = []
+        self._cameras = CameraEntries(menus["Camera"], viewer=self._viewer)
 
     def _make_action(self, key: Key, act: Callable[[], Any]) -> QAction:
         action = QAction(key.text, self)
@@ -301,29 +318,8 @@ class Window(QMainWindow):
             action.setIcon(glyph(key.name.removeprefix("tool_")))
         return action
 
-    def _fill_cameras(self) -> None:
-        """Add cameras of the stage and bookmarks below the fixed entries."""
-        for action in self._cameras:
-            self._camera_menu.removeAction(action)
-            action.deleteLater()
-        self._cameras = []
-        if self.workspace is None:
-            return
-        viewer = self.workspace.context.viewer
-        entries: list[tuple[str, Callable[[], Any], bool]] = [
-            (path, partial(viewer.use_camera, path), path == viewer.state.camera)
-            for path in viewer.cameras
-        ]
-        entries += [
-            (mark.name, partial(viewer.restore, mark.name), False) for mark in viewer.bookmarks
-        ]
-        for text, act, is_on in entries:
-            action = QAction(text, self)
-            action.setCheckable(is_on)
-            action.setChecked(is_on)
-            action.triggered.connect(lambda checked=False, act=act: act())
-            self._camera_menu.addAction(action)
-            self._cameras.append(action)
+    def _viewer(self) -> Viewer | None:
+        return None if self.workspace is None else self.workspace.context.viewer
 
     def _set_purpose(self, purpose: str, is_on: bool) -> None:
         if self.workspace is not None:

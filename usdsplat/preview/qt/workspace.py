@@ -7,10 +7,11 @@ from collections.abc import Callable
 from functools import partial
 
 from PySide6.QtCore import Qt, QTimer, Signal
-from PySide6.QtWidgets import QMenu, QSplitter, QTabWidget, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QInputDialog, QMenu, QSplitter, QTabWidget, QVBoxLayout, QWidget
 
 from usdsplat.preview import opening
 from usdsplat.preview.display import choices
+from usdsplat.preview.kept_view import KeptView
 from usdsplat.preview.picking import Picked, pick
 from usdsplat.preview.qt.message_bar import MessageBar, above
 from usdsplat.preview.qt.panel_context import PanelContext, Question
@@ -36,7 +37,12 @@ NARROWEST = (260, 240, 290)
 """Minimum widths of tree, viewport and panels [pixel]."""
 
 
-_OVERLAYS = {"bounds": "shows_bounds", "wireframe": "shows_edges", "lights": "shows_lights"}
+_OVERLAYS = {
+    "bounds": "shows_bounds",
+    "wireframe": "shows_edges",
+    "lights": "shows_lights",
+    "affectors": "shows_affectors",
+}
 """Action -> field of the viewer's state."""
 
 
@@ -47,18 +53,26 @@ class Workspace(QWidget):
         proxy: Proxy of the session, which ends with this widget.
         opened: Properties of the stage.
         device: Requested device of the session.
+        kept: What the view keeps of the stage that was open before; None for a first one.
     """
 
     device_chosen = Signal(str)
 
     def __init__(
-        self, proxy: SessionProxy, opened: Opened, *, device: str, parent: QWidget | None = None
+        self,
+        proxy: SessionProxy,
+        opened: Opened,
+        *,
+        device: str,
+        kept: KeptView | None = None,
+        parent: QWidget | None = None,
     ) -> None:
         super().__init__(parent)
         self.opened = opened
         self.proxy = proxy
         proxy.setParent(self)
         self.context = context = PanelContext(proxy, self)
+        context.baked = opened.baked
         self.bookmarks = QMenu("Bookmarks", self)
         self.bookmarks.aboutToShow.connect(self._fill_bookmarks)
         self.problems = MessageBar(is_problem=True)
@@ -78,8 +92,12 @@ class Workspace(QWidget):
         self._watch = QTimer(self)
         self._watch.timeout.connect(self._files.refresh)
         self._watch.start(LOOK_AT_FILES)
-        context.viewer.set_overlays(shows_lights=True)
+        context.viewer.set_overlays(shows_lights=True, shows_affectors=True)
+        if kept is not None:
+            kept.begin(context.viewer)
         context.viewer.opened(opened)
+        if kept is not None:
+            kept.finish(context.viewer)
         self.tree.model.refresh()
 
     def end(self) -> None:
@@ -87,6 +105,11 @@ class Workspace(QWidget):
         self._watch.stop()
         self.proxy.close()
         threading.Thread(target=self.proxy.session.close, name="closes a session").start()
+
+    def kept(self, *, is_same_scene: bool) -> KeptView:
+        """Return what the view of the next stage keeps of this one."""
+        viewer = self.context.viewer
+        return KeptView(state=viewer.state, bookmarks=viewer.bookmarks, is_same_scene=is_same_scene)
 
     # --- actions ---------------------------------------------------------------------------
 
@@ -131,7 +154,7 @@ class Workspace(QWidget):
         viewer.set_look(aov="color" if is_on else "splatId")
 
     def toggle_overlay(self, name: str) -> None:
-        """Show or hide bounds, wireframe or lights."""
+        """Show or hide bounds, wireframe, lights or affectors."""
         self.context.viewer.set_overlays(**{_OVERLAYS[name]: not self.toggles[name]})
 
     def toggle_channel(self, channel: str) -> None:
@@ -183,12 +206,32 @@ class Workspace(QWidget):
         if picture is None:
             return
 
+        viewer, before = self.context.viewer, set(self.context.viewer.cameras)
+
         def made(paths: tuple[str, ...]) -> None:
-            self.context.viewer.cameras = paths
+            viewer.cameras = paths
+            for path in set(paths) - before:
+                viewer.use_camera(path)
+                self.context.said.emit(f"Saved the camera {path}; the view looks through it")
             self.strip.follow()
 
         self.context.edit(partial(_save_camera, spec=picture.camera))
         self.proxy.ask(lambda document: cameras.cameras(document.stage), made)
+
+    def add_bookmark(self) -> None:
+        """Bookmark the view under a new name."""
+        name = self.context.viewer.add_bookmark().name
+        self.context.said.emit(f"{name} bookmarked; Bookmarks or Camera > {name} shows it again")
+
+    def ask_new_name(self, name: str) -> None:
+        """Ask for another name of a bookmark."""
+        dialog = QInputDialog(self)
+        dialog.setWindowTitle("Rename a bookmark")
+        dialog.setLabelText("Name")
+        dialog.setTextValue(name)
+        dialog.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+        dialog.textValueSelected.connect(partial(self.context.viewer.rename, name))
+        dialog.open()
 
     def set_purposes(self, purpose: str, is_on: bool) -> None:
         """Set whether prims of a purpose are drawn."""
@@ -204,6 +247,7 @@ class Workspace(QWidget):
         proxy.picture.connect(lambda picture: self._take_back())
         proxy.busy.connect(self.viewport.show_busy)
         proxy.problem.connect(self._say)
+        context.settled.connect(self._settle)
         self.tree.frame_requested.connect(lambda path: context.viewer.frame((path,)))
         self.viewport.focus_requested.connect(self._aim)
         self.render_panel.device_chosen.connect(self.device_chosen)
@@ -244,12 +288,15 @@ class Workspace(QWidget):
     def _fill_bookmarks(self) -> None:
         viewer = self.context.viewer
         self.bookmarks.clear()
-        self.bookmarks.addAction("Bookmark this view", viewer.add_bookmark)
+        self.bookmarks.addAction("Bookmark this view", self.add_bookmark)
         self.bookmarks.addAction("Save view as a camera", self.save_camera)
         self.bookmarks.addSeparator()
         for bookmark in viewer.bookmarks:
             self.bookmarks.addAction(bookmark.name, partial(viewer.restore, bookmark.name))
         if viewer.bookmarks:
+            rename = self.bookmarks.addMenu("Rename")
+            for bookmark in viewer.bookmarks:
+                rename.addAction(f"{bookmark.name}…", partial(self.ask_new_name, bookmark.name))
             forget = self.bookmarks.addMenu("Remove")
             for bookmark in viewer.bookmarks:
                 forget.addAction(bookmark.name, partial(viewer.remove, bookmark.name))
@@ -275,6 +322,10 @@ class Workspace(QWidget):
     def _say(self, problem: Problem) -> None:
         self.problems.say(problem.sentence)
         self._of_picture = problem.sentence if problem.of_picture else ""
+
+    def _settle(self, sentence: str) -> None:
+        if self.problems.sentence == sentence:
+            self.problems.clear()
 
     def _take_back(self) -> None:
         """Clear the problem of the previous picture."""

@@ -40,6 +40,11 @@ class Gate:
         return self._frames > 0 and not self._is_stopped
 
     @property
+    def is_stopped(self) -> bool:
+        """Whether work was stopped."""
+        return self._is_stopped
+
+    @property
     def is_endless(self) -> bool:
         """Whether work may run without limit."""
         return math.isinf(self._frames)

@@ -66,6 +66,7 @@ class Job(ABC):
                 self.work()
         except Stopped:
             self.is_over = True
+            self._stopped()
             return
         except UsdSplatError as error:
             self.failure = str(error)
@@ -74,6 +75,10 @@ class Job(ABC):
             self.failure = "simulation: found an internal error, expected none; see the terminal"
         self.is_over = True
         self._changed()
+
+    def _stopped(self) -> None:
+        """Note that the job is over because its gate was stopped; nobody is told."""
+        self._compiled()
 
     def _changed(self) -> None:
         """Report a changed status."""

@@ -7,22 +7,24 @@ import time
 from collections.abc import Callable
 from functools import partial
 
-from pxr import Sdf, Usd
+from pxr import Usd
 
 from usdsplat.core.errors import StageError
+from usdsplat.core.finding_codes import CODES
+from usdsplat.core.findings import Finding
 from usdsplat.kernels.device import Device
-from usdsplat.preview.simulating.job import Host, Job
-from usdsplat.preview.simulating.live_layer import LiveLayer
+from usdsplat.preview.simulating.job import Host
+from usdsplat.preview.simulating.shown_job import ShownJob
 from usdsplat.preview.simulating.watching import LiveRecipe, Watch
+from usdsplat.sim.parameters import NAMESPACE
 from usdsplat.sim.stage.refinement import Refining
 from usdsplat.sim.stage.simulation import Simulation, baked_fields
-from usdsplat.sim.stage.twins import in_session, leave_session
 
 AHEAD = 240
 """Number of frames examined in advance if a stage has no range, to prepare the solver."""
 
 
-class LiveRun(Job):
+class LiveRun(ShownJob):
     """A simulation run, from its start to its end or until it is stopped.
 
     It computes each frame of the stage's range, or without one runs from 1 without an end. Features
@@ -45,32 +47,8 @@ class LiveRun(Job):
         budget: float | None,
         is_paced: bool,
     ) -> None:
-        super().__init__(host, device, changed)
-        self.layer: LiveLayer | None = None
-        """The frames; access only with the stage's lock."""
-        self.refined: Sdf.Layer | None = None
-        """Layer of refined captures, below that of the frames."""
-        self.frame: float | None = None
-        self.frames: tuple[float, float] | None = None
-        self.end: float | None = None
-        self.splats = 0
-        self.seconds = 0.0
-        self.message = ""
-        self._budget, self._is_paced = budget, is_paced
-
-    @property
-    def layers(self) -> list[str]:
-        """Identifiers of the layers that the run adds to the session."""
-        own = self.layer.identifier if self.layer else ""
-        refined = self.refined.identifier if self.refined else ""
-        return [name for name in (own, refined) if name]
-
-    def remove(self) -> None:
-        """Remove these layers; requires the stage's lock."""
-        if self.layer is not None:
-            self.layer.remove()
-        if self.refined is not None:
-            leave_session(self._host.stage, self.refined)
+        super().__init__(host, device, changed, budget=budget)
+        self._is_paced = is_paced
 
     def work(self) -> None:
         """Implement `Job.work`."""
@@ -102,10 +80,10 @@ class LiveRun(Job):
         )
         with self._reading:
             watch.begin(simulation)
-            layer = LiveLayer(stage, baked_fields(simulation), budget=self._budget)
-            self.layer = layer
+            self._open_layer(baked_fields(simulation))
         simulation.begin()
-        remarks = "; ".join(found.told for found in simulation.findings)
+        remarks = "; ".join(each.message for each in simulation.findings if is_loud(each))
+        self.notes = tuple(note_of(each) for each in simulation.findings if not is_loud(each))
         due = began = time.perf_counter()
         held = self.gate.held
         for number in itertools.count() if self.end is None else range(count):
@@ -114,16 +92,10 @@ class LiveRun(Job):
                     watch.look()
                 simulation.advance()
             shown = first + number
-            layer.put(shown, {path: simulation.frame(path) for path in simulation.recipes})
             is_last = self.end is not None and number == count - 1
-            if layer.is_empty or layer.is_over or is_last or not self.gate.is_endless:
-                with self._reading:
-                    if layer.is_over and not (layer.is_empty or is_last):
-                        layer.trim()
-                    else:
-                        layer.author()
+            frames = {path: simulation.frame(path) for path in simulation.recipes}
+            self._show(shown, frames, is_last=is_last)
             now = time.perf_counter()
-            self.frame, self.frames = shown, layer.frames
             self.splats = sum(len(solver.state) for solver in simulation.solvers.values())
             self.seconds = now - began - (self.gate.held - held)
             self.message = watch.message or remarks
@@ -136,11 +108,6 @@ class LiveRun(Job):
             began, held = time.perf_counter(), self.gate.held
         self.message = "the last frame is done; Run starts again"
 
-    def _compose(self, stage: Usd.Stage, layer: Sdf.Layer) -> Usd.Stage:
-        """Show refined captures on the stage."""
-        self.refined = layer
-        return in_session(stage, layer)
-
     def _refused(self, error: StageError) -> None:
         """Report an error and wait until work is resumed after the stage is fixed."""
         self.failure = str(error)
@@ -149,6 +116,17 @@ class LiveRun(Job):
         self.gate.check()
         self.failure = ""
         self._changed()
+
+
+def is_loud(found: Finding) -> bool:
+    """Return whether a finding is about more than a choice that was made for the user."""
+    return found.severity != "note"
+
+
+def note_of(found: Finding) -> str:
+    """Return what a note is about, in a sentence without paths."""
+    text = CODES[found.code].meaning.replace(f"{NAMESPACE}:", "")
+    return f"{text[0].upper()}{text[1:]}."
 
 
 def span(stage: Usd.Stage) -> tuple[float, float | None]:

@@ -1,9 +1,9 @@
-"""Record a simulation to a bake while the preview runs, with the result of `usdsplat simulate`."""
+"""Record a simulation to a bake, with the bytes of `usdsplat simulate`, while it is shown."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from pxr import Sdf, Usd
@@ -15,14 +15,19 @@ from usdsplat.kernels.device import Device
 from usdsplat.preview.simulating.gate import Stopped
 from usdsplat.preview.simulating.job import Host, Job
 from usdsplat.preview.simulating.live import span
+from usdsplat.preview.simulating.shown_job import ShownJob
 from usdsplat.sim.stage.extending import EARLY
 from usdsplat.sim.stage.provenance import read_record
 from usdsplat.sim.stage.simulating import Ending, SimulateOptions, simulate
+from usdsplat.sim.stage.simulation import Simulation, baked_fields
 from usdsplat.sim.stage.twins import twin
+from usdsplat.sim.state import Frame
 
 
-class Recording(Job):
+class Recording(ShownJob):
     """One bake of the stage in its state at the start; later edits have no effect.
+
+    Its frames are shown on the host's stage.
 
     Args:
         host: Document of the stage.
@@ -31,6 +36,7 @@ class Recording(Job):
         target, frames: See `simulate`; None takes the stage's range.
         existing: What to do with an existing bake.
         without: Identifiers of session layers to leave out.
+        budget: As for `LiveLayer`.
         after: Stopped recordings to wait for, as they may still write to the same files.
     """
 
@@ -44,16 +50,19 @@ class Recording(Job):
         frames: Sequence[float] | None,
         existing: Existing,
         without: Sequence[str],
+        budget: float | None,
         after: Sequence[Job],
     ) -> None:
-        super().__init__(host, device, changed)
+        super().__init__(host, device, changed, budget=budget)
         self.target = target
-        self.frame: float | None = None
-        self.end: float | None = None
-        self.seconds = 0.0
         self.message = f"recording {target.name}"
+        self.is_whole = False
+        """Whether the bake has all frames that were asked for."""
         self._frames, self._existing = frames, existing
+        self._every: Sequence[float] = ()
         self._left: Sequence[float] = ()
+        self._told: float | None = None
+        """Last frame whose end was reported."""
         self._last = 0.0
         self._after = after
         # Copied here, where the caller has the lock, so that the recorded state is the visible one.
@@ -65,7 +74,7 @@ class Recording(Job):
             each.join()
         frames = self._frames if self._frames is not None else _range(self._stage)
         self.end = frames[-1]
-        self._left = frames
+        self._every = self._left = frames
         report = simulate(
             self._stage,
             self.target,
@@ -73,12 +82,30 @@ class Recording(Job):
             SimulateOptions(
                 device=self._device,
                 existing=self._existing,
+                seen=self._seen,
                 ending=Ending(errors=(Stopped,), reading=self._host.lock),
             ),
             progress=self,
             reading=self._reading,
         )
+        self.is_whole = report.is_finished
         self.message = f"{self.target}: {report.sentence()}"
+
+    def stop(self) -> None:
+        """End the recording; its bake becomes whole with the frames so far, which stay visible."""
+        self.message = f"finishing {self.target.name}"
+        self.gate.stop()
+
+    def _stopped(self) -> None:
+        """Say what was recorded, and show all of it."""
+        super()._stopped()
+        self.message = self.stopped
+        with self._host.lock:
+            if self._is_removed:
+                return
+            if self.layer is not None:
+                self.layer.author()
+        self._changed()
 
     def step(self, label: str, done: int, total: int) -> None:
         """Implement `Progress.step`: count the finished frames of those that remained at the
@@ -86,13 +113,43 @@ class Recording(Job):
         now = time.perf_counter()
         if label == "simulating" and done:
             frame = self._left[len(self._left) - total + done - 1]
-            if frame != self.frame:
-                self.frame, self.seconds = frame, now - self._last
+            if frame != self._told:
+                self._told, self.seconds = frame, now - self._last
                 self.message = f"recording {self.target.name}: {done} of {total} frames"
                 self.gate.frame_done()
                 self._changed()
         self._last = now
         self.gate.check()
+
+    @property
+    def goes(self) -> bool:
+        """Whether it is at work, or finishes its bake."""
+        return self.gate.is_open or self.gate.is_stopped
+
+    @property
+    def count(self) -> tuple[int, int]:
+        """Number of frames in the bake, and of those that were asked for."""
+        if self.is_whole:
+            return len(self._every), len(self._every)
+        done = 0 if self.frame is None else list(self._every).index(self.frame) + 1
+        return done, len(self._every)
+
+    @property
+    def has_bake(self) -> bool:
+        """Whether it is over and has left a bake."""
+        return self.is_over and not self.failure and self.count[0] > 0
+
+    def _seen(self, simulation: Simulation, time: float, frames: Mapping[str, Frame]) -> None:
+        """Show a frame that was recorded."""
+        if self.layer is None:
+            with self._reading:
+                refined = simulation.refinement.layer
+                if refined is not None:
+                    self._compose(self._host.stage, refined)
+                self._open_layer(baked_fields(simulation))
+        self._show(time, frames, is_last=time == self._every[-1])
+        self.splats = sum(len(solver.state) for solver in simulation.solvers.values())
+        self._host.wake()
 
     @property
     def stopped(self) -> str:

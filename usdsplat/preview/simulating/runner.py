@@ -5,6 +5,7 @@ runner.run()                    # computes frames, and wakes the document, which
 runner.pause()                  # the frames so far are on the stage
 runner.step()                   # one frame
 runner.record("bake.usda")      # the same bits as `usdsplat simulate`
+runner.stop()                   # the bake is whole, with the frames so far
 runner.reset()                  # restores the stage
 """
 
@@ -21,6 +22,7 @@ from usdsplat.kernels.devices import open_device
 from usdsplat.preview.simulating.job import Host, Job
 from usdsplat.preview.simulating.live import LiveRun
 from usdsplat.preview.simulating.recording import Recording
+from usdsplat.preview.simulating.shown_job import ShownJob
 from usdsplat.preview.values import SimulationStatus
 from usdsplat.sim.stage.recipe import find_simulations
 
@@ -76,15 +78,29 @@ class Runner:
     def status(self) -> SimulationStatus:
         """Current status."""
         live, recording = self._live, self._recording
-        shown = live.frames if live else None
+        showing = self._shown()
+        shown = showing.frames if showing else None
         if recording is not None and not recording.is_over:
             return SimulationStatus(
-                state="recording" if recording.gate.is_open else "paused",
+                state="recording" if recording.goes else "paused",
                 frame=recording.frame,
                 frames=shown,
                 end=recording.end,
+                splats=recording.splats,
                 seconds=recording.seconds,
                 message=recording.message,
+                recorded=recording.count,
+            )
+        if recording is not None and recording.has_bake:
+            return SimulationStatus(
+                state="paused" if showing else "ready",
+                frame=showing.frame if showing else None,
+                frames=shown,
+                end=recording.end,
+                splats=recording.splats,
+                message=recording.message,
+                recorded=recording.count,
+                bake=str(recording.target),
             )
         if live is None:
             failed = recording.failure if recording else ""
@@ -100,6 +116,7 @@ class Runner:
             splats=live.splats,
             seconds=live.seconds,
             message=failed or (recording.message if recording else live.message),
+            notes=live.notes,
         )
 
     @property
@@ -133,6 +150,12 @@ class Runner:
         self._document.wake()
         self._tell()
 
+    def stop(self) -> None:
+        """End a recording; its bake becomes whole with the frames so far, which stay visible."""
+        if self._recording is not None and not self._recording.is_over:
+            self._recording.stop()
+            self._tell()
+
     def record(
         self,
         path: Path | str,
@@ -142,7 +165,8 @@ class Runner:
     ) -> None:
         """Bake to a file, from the first frame on, as `usdsplat simulate` does.
 
-        A run is held meanwhile and continues with `run` afterwards. The stage is recorded in its
+        The frames that are recorded are shown. A run is held meanwhile and continues with `run`
+        afterwards, in place of them. The stage is recorded in its
         current state, including the session's edits; later edits are not included.
 
         Args:
@@ -163,6 +187,7 @@ class Runner:
                 frames=frames,
                 existing=existing,
                 without=self._live.layers if self._live else [],
+                budget=self._budget,
                 after=[each for each in self._jobs if isinstance(each, Recording)],
             )
         self._recording = recording
@@ -170,15 +195,15 @@ class Runner:
 
     def shown_at(self, time: float | None) -> LiveClouds | None:
         """Return what to draw in place of the stage at a time; requires the stage's lock."""
-        live = self._live
-        return None if live is None or live.layer is None else live.layer.shown_at(time)
+        shown = self._shown()
+        return None if shown is None or shown.layer is None else shown.layer.shown_at(time)
 
     def author(self) -> None:
-        """Author the frames of a run that were only drawn so far."""
-        live = self._live
-        if live is not None and live.layer is not None:
-            with self._document.lock:
-                live.layer.author()
+        """Author the frames that were only drawn so far."""
+        for job in (self._live, self._recording):
+            if job is not None and job.layer is not None:
+                with self._document.lock:
+                    job.layer.author()
 
     def look(self) -> None:
         """Update whether the stage has simulations, after its prims have changed."""
@@ -200,7 +225,7 @@ class Runner:
     def _go_on(self, frames: float) -> None:
         job = self._current()
         if job is not self._recording:
-            self._recording = None
+            self._end_recording()
         if job is None or job.is_over:
             self._end_live()
             job = self._live = LiveRun(
@@ -216,6 +241,12 @@ class Runner:
             job.gate.open(frames)
             self._tell()
 
+    def _shown(self) -> ShownJob | None:
+        """Return the job whose frames are shown."""
+        recording = self._recording
+        has_frames = recording is not None and recording.layer is not None
+        return recording if has_frames else self._live
+
     def _current(self) -> Job | None:
         """Return the job that `run` and `pause` control."""
         return self._recording if self.is_recording else self._live
@@ -229,9 +260,13 @@ class Runner:
     def _end_recording(self) -> None:
         recording, self._recording = self._recording, None
         self._message = ""
-        if recording is not None and not recording.is_over:
+        if recording is None:
+            return
+        if not recording.is_over:
             recording.gate.stop()
             self._message = recording.stopped
+        with self._document.lock:
+            recording.remove()
 
     def _end_live(self) -> None:
         """Stop a run and remove its frames from the stage."""

@@ -78,6 +78,18 @@ def author_camera(
     return camera
 
 
+def author_view(stage: Usd.Stage, spec: CameraSpec, *, name: str = "Camera") -> str:
+    """Author a camera under an unused name on the edit target, and return its path.
+
+    Raises:
+        UsageError: If it is not a valid prim name, or `spec` is not a camera.
+    """
+    check_camera(spec)
+    path = _free(stage, camera_path(name))
+    author_camera(stage, path, spec)
+    return str(path)
+
+
 def check_camera(spec: CameraSpec) -> None:
     """Check that `spec` can be authored as a camera.
 

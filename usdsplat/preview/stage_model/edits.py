@@ -36,17 +36,27 @@ class Edits:
         self.stage = stage
         self.layer = stage.GetSessionLayer()
         self._history = History(self.layer)
-        self._saved = self._history.state
+        self._saved = self._compared = self._history.state
+        """States of the history when the edits were saved, and when they were last compared."""
+        self._kept, self._has_unsaved = _said(self.layer), False
 
     @property
     def has_unsaved(self) -> bool:
-        """Whether there are other edits than at the last `note_saved`, or at the start."""
-        (step, merged), (saved, saved_merged) = self._history.state, self._saved
-        return step is not saved or merged != saved_merged
+        """Whether the layer says something else than at the last `note_saved`, or at the start.
+
+        Edits that take back each other are none, such as hiding a prim and showing it again.
+        """
+        if not _is_same(self._history.state, self._compared):
+            self._compared = self._history.state
+            self._has_unsaved = not _is_same(self._compared, self._saved)
+            if self._has_unsaved:
+                self._has_unsaved = _said(self.layer) != self._kept
+        return self._has_unsaved
 
     def note_saved(self) -> None:
         """Note that the session layer was saved."""
-        self._saved = self._history.state
+        self._saved = self._compared = self._history.state
+        self._kept, self._has_unsaved = _said(self.layer), False
 
     @property
     def undoable(self) -> str | None:
@@ -186,8 +196,7 @@ class Edits:
         paths = [f"{each}.visibility" for each in tokens]
         with self.step(f"{'Show' if is_visible else 'Hide'} {prim.GetName()}", *paths):
             for each, token in tokens.items():
-                shown = UsdGeom.Imageable(self.stage.GetPrimAtPath(each))
-                self._author(shown.CreateVisibilityAttr(), token, None)
+                self._author_visibility(UsdGeom.Imageable(self.stage.GetPrimAtPath(each)), token)
 
     def set_active(self, path: str, is_active: bool) -> None:
         """Activate or deactivate a prim and its descendants.
@@ -247,6 +256,7 @@ class Edits:
         time: float | None = None,
         is_keyed: bool = False,
         merge: str | None = None,
+        verb: str = "Move",
     ) -> None:
         """Move a prim with an op on top of its own ones, described in `placing`.
 
@@ -258,6 +268,7 @@ class Edits:
             is_keyed: Whether a time sample is authored at this time alone, rather than one value
                 for all times.
             merge: As for `step`.
+            verb: What the user does, for the name of the step.
 
         Raises:
             StageError: If there is no such prim, or it cannot be moved.
@@ -270,7 +281,7 @@ class Edits:
             )
         value = edit_of(prim, matrix, code_of(time))
         paths = (f"{path}.{EDIT}", f"{path}.xformOpOrder")
-        with self.step(f"Move {prim.GetName()}", *paths, merge=merge):
+        with self.step(f"{verb} {prim.GetName()}", *paths, merge=merge):
             attribute = author_edit(prim)
             self._author(attribute, value, time if is_keyed else None)
 
@@ -289,6 +300,16 @@ class Edits:
             for each, held in [(each, attribute.Get(each)) for each in times]:
                 attribute.Set(held, each)
         attribute.Set(value, time)
+
+    def _author_visibility(self, shown: UsdGeom.Imageable, token: str) -> None:
+        """Author a visibility for all times, or nothing if weaker layers say the same."""
+        attribute = shown.CreateVisibilityAttr()
+        spec = self.layer.GetAttributeAtPath(attribute.GetPath())
+        if spec is not None:
+            self.layer.GetPrimAtPath(spec.path.GetPrimPath()).RemoveProperty(spec)
+        below = shown.GetVisibilityAttr()
+        if below.GetNumTimeSamples() or below.Get() != token:
+            self._author(shown.CreateVisibilityAttr(), token, None)
 
     def _prim(self, path: str) -> Usd.Prim:
         is_path = Sdf.Path.IsValidPathString(path) and Sdf.Path(path).IsAbsoluteRootOrPrimPath()
@@ -316,6 +337,22 @@ class Edits:
                 raise StageError(text, "a prim in an instance", "one that can be edited")
             above = above.GetParentPath()
         return path
+
+
+def _is_same(one: tuple[Step | None, int], other: tuple[Step | None, int]) -> bool:
+    """Return whether two states of a history are the same."""
+    return one[0] is other[0] and one[1] == other[1]
+
+
+def _said(layer: Sdf.Layer) -> str:
+    """Return what a layer says, without prims that say nothing and what a simulation added."""
+    copy = Sdf.Layer.CreateAnonymous(".usda")
+    copy.TransferContent(layer)
+    copy.RemoveInertSceneDescription()
+    copy.subLayerPaths = [
+        path for path in copy.subLayerPaths if not Sdf.Layer.IsAnonymousLayerIdentifier(path)
+    ]
+    return str(copy.ExportToString())
 
 
 def _way_out(prim: Usd.Prim, code: Usd.TimeCode) -> dict[str, str]:

@@ -1,4 +1,4 @@
-"""Find what is drawn over the pictures of a stage: boxes, lights, edges of meshes."""
+"""Find what is drawn over the pictures of a stage: boxes, lights, edges, affectors."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from usdsplat.core.errors import StageError
 from usdsplat.delegate.engine import Engine
 from usdsplat.preview import boxes
 from usdsplat.preview.overlays import LightMark, LightShape, Overlays, Wireframe
+from usdsplat.preview.stage_model.affector_finder import AffectorFinder
 from usdsplat.preview.stage_model.placing import code_of
 from usdsplat.preview.values import ViewState
 from usdsplat.schema.stage_values import local_to_world, world_bound
@@ -37,12 +38,14 @@ class OverlayFinder:
         self._stage = stage
         self._lights: tuple[str, ...] | None = None
         self._wireframe = Wireframe()
+        self._affectors = AffectorFinder(stage)
         self._bounds: tuple[int, tuple[boxes.Corners, ...]] = (-1, ())
         """Boxes of all drawn prims, and the version of their scene."""
 
     def forget(self) -> None:
-        """Look for lights again; the prims of the stage have changed."""
+        """Look for lights and affectors again; the prims of the stage have changed."""
         self._lights = None
+        self._affectors.forget()
 
     def find(self, engine: Engine, state: ViewState) -> Overlays:
         """Return the overlays of a state, whose engine is synced."""
@@ -61,6 +64,9 @@ class OverlayFinder:
             bounds=self._bounds[1],
             lights=self.lights(engine.time) if state.shows_lights else (),
             edges=self._wireframe.of(scene, engine.version) if state.shows_edges else (),
+            affectors=self._affectors.of(engine.time, state.purposes)
+            if state.shows_affectors
+            else (),
         )
 
     def lights(self, time: float | None) -> tuple[LightMark, ...]:

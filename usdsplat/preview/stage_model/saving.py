@@ -45,15 +45,21 @@ def save_session(stage: Usd.Stage, target: Path, *, over_stage: bool = False) ->
         raise StageError(
             str(target), "a stage without a file", "a stage that was opened from a file"
         )
+    layer = user_edits(stage)
+    if over_stage:
+        _copy_frame(root, layer)
+        layer.subLayerPaths.append(_from(target, root.realPath))
+    save(layer, target)
+
+
+def user_edits(stage: Usd.Stage) -> Sdf.Layer:
+    """Return a copy of the session layer without what a running simulation made."""
     layer = Sdf.Layer.CreateAnonymous(".usda")
     layer.TransferContent(stage.GetSessionLayer())
     for number in reversed(range(len(layer.subLayerPaths))):
         if Sdf.Layer.IsAnonymousLayerIdentifier(layer.subLayerPaths[number]):
             del layer.subLayerPaths[number]
-    if over_stage:
-        _copy_frame(root, layer)
-        layer.subLayerPaths.append(_from(target, root.realPath))
-    save(layer, target)
+    return layer
 
 
 def save_camera_layer(

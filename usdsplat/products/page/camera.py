@@ -46,7 +46,7 @@ FOV_OF_PARALLEL = math.radians(10)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PageRequest:
-    """The camera of a page."""
+    """The camera of a page, and its title."""
 
     camera: str | None = None
     """Path of a camera, or its name if it is unique; None is the one that `render` uses."""
@@ -55,6 +55,8 @@ class PageRequest:
     stage's first product, or 1920 x 1080."""
     frames: tuple[float, ...] | None = None
     """Time codes of the camera's animation, ascending; None is the range of the stage."""
+    title: str = ""
+    """Title of the page; "" is the names of the files."""
     background: str | None = None
     """Colour behind the splats, as for `RenderSettings.background`; None is that of the stage's
     first product. Black where pictures are transparent, grey for a capture by itself."""

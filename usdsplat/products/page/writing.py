@@ -100,7 +100,7 @@ def write_page(
         source: A stage, a capture, or several captures, which are joined.
         target: `index.html` in a folder that is new or empty, which gets the viewer and the capture
             too; or another name ending in .html, of a file with everything inside.
-        request: Camera, animation and background.
+        request: Camera, animation, title and background.
         edits: Edits in order, as for `convert`.
         options: Axes of captures, options of their reader, and the prim to read of a stage.
         export: Time and splat trees of a stage. `time` None is the first frame of its range.
@@ -128,7 +128,7 @@ def write_page(
     work = _Work(
         stage=stage,
         source=name,
-        title=_title(source),
+        title=request.title or _title(source),
         target=path,
         reading=StageReading(
             prim_path=options.prim_path if is_stage else None, time=time, trees=export.trees

@@ -223,6 +223,16 @@ def read_record(layer: Sdf.Layer) -> Mapping[str, Any] | None:
     return well_typed(entry) if isinstance(entry, Mapping) else None
 
 
+def baked_frames(stage: Usd.Stage) -> tuple[float, float] | None:
+    """Return the first and last frame of the strongest bake among the layers of a stage [time
+    code]; None without a bake."""
+    for layer in stage.GetLayerStack(includeSessionLayers=False):
+        span = (read_record(layer) or {}).get("frameRange", ())
+        if len(span) == 2:
+            return float(span[0]), float(span[1])
+    return None
+
+
 def known_record(target: Path) -> Mapping[str, Any] | None:
     """Return the record of the bake at a path, or None."""
     if not target.exists():

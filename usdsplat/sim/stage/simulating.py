@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -30,6 +30,7 @@ from usdsplat.sim.stage.recipe import UNGUARDED
 from usdsplat.sim.stage.refinement import Refining
 from usdsplat.sim.stage.report import Clock, Report
 from usdsplat.sim.stage.simulation import Simulation, baked_fields
+from usdsplat.sim.state import Frame
 from usdsplat.sim.uses import Uses
 
 
@@ -41,6 +42,10 @@ class Ending:
     """Errors that mean a stop; they are raised again."""
     reading: AbstractContextManager[Any]
     """Entered while the stage is read after the stop."""
+
+
+Seen = Callable[[Simulation, float, Mapping[str, Frame]], None]
+"""Receives a simulation, the time code of its present frame, and the frame of each field."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -59,6 +64,8 @@ class SimulateOptions:
     until: float | None = None
     """Frame from which the simulation stops after the next checkpoint [time code], so that it is
     resumed; None finishes the bake."""
+    seen: Seen | None = None
+    """Receives each frame once it is written."""
     ending: Ending | None = None
     """What a stop by an error leaves; None is a bake to resume from its last checkpoint."""
 
@@ -182,6 +189,8 @@ def _run(
                 for path, state in written.items():  # of all fields or of none
                     bake.write(path, state)
                 clock.lap("writing")
+                if options.seen is not None:
+                    options.seen(simulation, frame, written)
                 if bake.is_checkpoint_due(frame):
                     bake.checkpoint(frame, simulation.checkpoint())
                     clock.lap("checkpoints")

@@ -60,6 +60,7 @@ def author_preset(
     last: int = LAST,
     options: Mapping[str, str | None] | None = None,
     goal: Usd.Stage | None = None,
+    edits: Sdf.Layer | None = None,
 ) -> None:
     """Write a stage in which a capture is simulated, from frame 1 on at 24 frames per second.
 
@@ -75,6 +76,8 @@ def author_preset(
         options: Values by the names of options, such as {"style": "coral"}; None stands for an
             option that is not given. The option target is `goal`.
         goal: A stage from a file, with meshes to conform to or a capture to become.
+        edits: Opinions over the capture's, such as those of a session layer. The new stage has
+            them, and the preset is made for the capture as they leave it.
 
     Raises:
         UsageError: If there is no such preset, or it does not take an option or its value.
@@ -93,6 +96,8 @@ def author_preset(
         raise UsageError("target", str(target), "another file than the capture's")
     stage = Usd.Stage.CreateInMemory()
     root = stage.GetRootLayer()
+    if edits is not None:
+        root.TransferContent(edits)
     root.subLayerPaths.append(str(file))
     UsdGeom.SetStageUpAxis(stage, up_axis(capture))
     UsdGeom.SetStageMetersPerUnit(stage, stage_unit(capture))
