@@ -61,12 +61,9 @@ class Viewer:
         self.state = ViewState()
         self.timeline = Timeline()
         self.bookmarks: tuple[Bookmark, ...] = ()
-        self.cameras: tuple[str, ...] = ()
-        """Paths of the stage's cameras."""
-        self.lights: tuple[str, ...] = ()
-        """AOVs of the stage's light groups."""
-        self.has_simulation = False
-        """Whether the stage has a simulation."""
+        self.cameras: tuple[str, ...] = ()  # paths of the stage's cameras
+        self.lights: tuple[str, ...] = ()  # AOVs of the stage's light groups
+        self.has_simulation = False  # whether the stage has a simulation
         self._range = (0.0, 0.0)  # range of the stage; the timeline's may differ
         self.up_axis: UpAxis = "Y"
         self.subject: Subject | None = None
