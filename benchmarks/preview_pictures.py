@@ -40,9 +40,9 @@ SETTINGS = {"rd:substeps": 80, "rd:frontSpeed": 200.0}
 SIZE = (1440, 900)
 SIM = "/statue_angel/Simulation/Sim"
 """Path of the simulation, which is selected."""
-FRAME = 24
+FRAME = 10
 """Simulated frame to wait for."""
-ORBIT, NEARER = (0.12, 0.02), 0.9
+ORBIT, NEARER = (0.12, 0.02), 1.15
 PATIENCE = 600.0  # s
 
 
@@ -68,7 +68,7 @@ def wait(condition: Callable[[], object]) -> None:
 
 
 def grown(viewport: Viewport, simulation: SimulationPanel) -> None:
-    """Run the simulation to its frame, and move the camera to the side and closer."""
+    """Run the simulation to its frame, and see all of it from the side."""
     viewer = viewport.viewer
     wait(lambda: viewport.picture is not None)
     simulation.toggle()
@@ -140,7 +140,7 @@ def web(path: Path) -> np.ndarray:
         page.mouse.down()
         page.mouse.move(middle[0] + ORBIT[0] * box["height"], middle[1] + ORBIT[1] * box["height"])
         page.mouse.up()
-        page.mouse.wheel(0, -100)
+        page.mouse.wheel(0, 100)
         page.wait_for_timeout(3000)  # for the final picture
         shot = page.screenshot()
         chromium.close()

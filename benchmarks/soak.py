@@ -35,6 +35,7 @@ from benchmarks.window_latency import SIZE, TICK, Hand, Shown, wait
 from usdsplat import formats, schema
 from usdsplat.core import edit
 from usdsplat.core.cloud import SplatCloud
+from usdsplat.core.freed import share_freed_memory
 from usdsplat.interchange.lod import build_tree
 from usdsplat.preview.opening import open_document
 from usdsplat.preview.qt.window import Window
@@ -149,6 +150,7 @@ def main(report: Report) -> None:
     parser.add_argument("--minutes", type=float, default=10.0)
     parser.add_argument("--splats", type=int, default=100_000)
     options = parser.parse_args(report.arguments)
+    share_freed_memory()  # as `usdsplat view` does
     application = QApplication.instance() or QApplication([])
     cloud = garden(5)[0]
     some = np.random.default_rng(0).permutation(len(cloud)) < options.splats

@@ -1,7 +1,8 @@
-"""Tests that freed memory is returned to the system."""
+"""Tests that freed memory is used again, and returned to the system."""
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 
@@ -37,3 +38,49 @@ assert before - resident() > 80_000, (before, resident())
 def test_freed_blocks_leave_the_process() -> None:
     """Oracle: the system's number of resident bytes: 100 MB were freed below a block that stays."""
     subprocess.run([sys.executable, "-c", CODE], check=True)
+
+
+ARENAS_OF = """
+import ctypes, sys, tempfile, threading
+from usdsplat.core.freed import ARENAS, share_freed_memory
+
+libc = ctypes.CDLL(None)
+if not hasattr(libc, "malloc_info"):
+    raise SystemExit
+libc.malloc.restype = libc.fopen.restype = ctypes.c_void_p
+libc.malloc.argtypes = (ctypes.c_size_t,)
+libc.malloc_info.argtypes = (ctypes.c_int, ctypes.c_void_p)
+libc.fclose.argtypes = (ctypes.c_void_p,)
+
+def arenas():
+    with tempfile.NamedTemporaryFile() as target:
+        file = libc.fopen(target.name.encode(), b"w")
+        libc.malloc_info(0, file)
+        libc.fclose(file)
+        return target.read().count(b"<heap nr=")
+
+if sys.argv[1] == "few":
+    share_freed_memory()
+threads = 6
+together = threading.Barrier(threads + 1)
+
+def work():
+    libc.malloc(100_000)
+    together.wait()
+    together.wait()
+
+for _ in range(threads):
+    threading.Thread(target=work).start()
+together.wait()
+found = arenas()
+together.wait()
+assert (found <= ARENAS) == (sys.argv[1] == "few"), found
+"""
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="glibc's own function")
+@pytest.mark.parametrize("how", ["few", "usual"])
+def test_threads_share_their_arenas(how: str) -> None:
+    """Oracle: glibc's own list of arenas, of six threads that allocate; and without the call."""
+    own = {name: value for name, value in os.environ.items() if name != "MALLOC_ARENA_MAX"}
+    subprocess.run([sys.executable, "-c", ARENAS_OF, how], check=True, env=own)

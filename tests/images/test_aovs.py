@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from usdsplat.core.errors import UsageError
-from usdsplat.images.aovs import AOVS, find_aovs
+from usdsplat.images.aovs import AOVS, CAPTURED, find_aovs, is_light, light_name
 
 
 def test_aovs_are_found_in_a_files_words_and_in_hydras():
@@ -37,6 +37,7 @@ def test_channels_are_called_what_compositors_look_for():
         "P": "P.x,P.y,P.z",
         "albedo": "albedo.R,albedo.G,albedo.B",
         "shadow": "shadow.R,shadow.G,shadow.B",
+        "irradiance": "irradiance.R,irradiance.G,irradiance.B",
         "forward": "forward.u,forward.v",
         "backward": "backward.u,backward.v",
         "id": "id",
@@ -75,3 +76,27 @@ def test_lists_that_make_no_sense_are_refused(names):
     """Oracle: one sentence, where: found X, expected Y."""
     with pytest.raises(UsageError, match=r"--aovs: found .*, expected one"):
         find_aovs(names, where="--aovs")
+
+
+@pytest.mark.parametrize(
+    ("group", "name"),
+    [
+        ("key", "light_key"),
+        ("Rim light", "light_Rim_light"),
+        ("window.left", "light_window_left"),
+        ("für", "light_f_r"),
+        ("captured", "light_captured_"),
+    ],
+)
+def test_a_light_group_has_a_name_that_layers_can_have(group, name):
+    """Oracle: layers of Nuke and EXR: ASCII letters, digits, underscores, no full stop."""
+    assert light_name(group) == name and is_light(name) and name != CAPTURED
+    (aov,) = find_aovs((name,))
+    assert aov.channels == (f"{name}.R", f"{name}.G", f"{name}.B") and aov.kind == "color"
+
+
+def test_names_of_light_groups_are_no_other_aovs():
+    """Oracle: the table."""
+    assert not any(map(is_light, AOVS))
+    for wrong in ("light_", "light_a.b", "lights", "light_*"):
+        assert not is_light(wrong)

@@ -65,7 +65,7 @@ def test_each_aov_is_a_part_called_as_compositors_expect(tmp_path):
     file = ExrFile(tmp_path / "a.exr")
     assert [header["name"][1].decode() for header, _ in file.parts] == [
         *("rgba", "depth", "Zfront", "Zexp", "N", "Naxis", "confidence", "occlusion"),
-        *("P", "albedo", "shadow"),
+        *("P", "albedo", "shadow", "irradiance"),
         *("forward", "backward", "cryptoObject", "cryptoAsset", "cryptoMaterial", "ids"),
     ]
     found = {name: array for _, arrays in file.parts for name, array in arrays.items()}

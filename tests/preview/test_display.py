@@ -10,11 +10,12 @@ import pytest
 
 from usdsplat.core.errors import UsageError
 from usdsplat.images.aovs import AOVS
+from usdsplat.images.color import convert
 from usdsplat.images.cryptomatte import hash_bits
 from usdsplat.images.display_writer import quantized
 from usdsplat.images.view import open_view
 from usdsplat.kernels.devices import open_device
-from usdsplat.preview.display import Display, needed
+from usdsplat.preview.display import Display, choices, needed, settings_of
 from usdsplat.preview.values import DisplaySettings, Look
 from usdsplat.render.settings import RenderSettings
 
@@ -308,14 +309,38 @@ def test_fractions_go_from_one_end_of_the_ramp_to_the_other(display, aov):
     assert (found[0, 2] == 255).all()
 
 
-@pytest.mark.parametrize("aov", list(AOVS))
+@pytest.mark.parametrize("aov", ["irradiance", "light_key"])
+def test_light_is_shown_as_linear_colour(display, aov):
+    """Oracle: the sRGB curve of linear light, whatever the color mode of the look; light on half
+    covered pixels lies over the background by half."""
+    light, half = np.full((1, 2, 3), 0.25, np.float32), np.float32([[1.0, 0.5]])[..., None]
+    color = np.concatenate([light, half], axis=-1)
+    arrays = {aov: light if aov == "irradiance" else light * half, "color": color}
+    assert needed(Look(aov=aov)) == (aov, "color")
+    found = display.image(Look(aov=aov), arrays, DisplaySettings(background="black"))
+    code = convert(np.full((1, 3), 0.25), "lin_rec709_scene", "srgb_rec709_display")
+    expected = np.concatenate([code, 0.5 * code])
+    assert np.abs(found[0] - 255 * expected).max() <= 1.0
+    settings = settings_of(Look(aov=aov, settings=RenderSettings(color_mode="display")))
+    assert (settings.blend_space, settings.color_mode) == ("linear", "scene")
+
+
+def test_light_groups_of_the_stage_can_be_chosen():
+    """Oracle: the table, and the names that follow it."""
+    names = [aov.name for aov in choices(("light_key", "light_captured"))]
+    assert names == [*AOVS, "light_key", "light_captured"]
+
+
+@pytest.mark.parametrize("aov", [*AOVS, "light_key"])
 def test_every_aov_can_be_shown_where_nothing_is(display, aov):
     """Oracle: the background, whatever is asked for."""
     nothing = {
         "color": np.zeros((3, 4, 4)), "albedo": np.zeros((3, 4, 3)), "depth": np.full((3, 4), INF),
         "depthFront": np.full((3, 4), INF), "depthExpected": np.full((3, 4), INF),
         "Neye": np.zeros((3, 4, 3)), "Naxis": np.zeros((3, 4, 3)), "confidence": np.zeros((3, 4)),
-        "occlusion": np.zeros((3, 4)), "shadow": np.ones((3, 4, 3)), "P": np.zeros((3, 4, 3)),
+        "occlusion": np.zeros((3, 4)), "shadow": np.ones((3, 4, 3)),
+        "irradiance": np.zeros((3, 4, 3)), "light_key": np.zeros((3, 4, 3)),
+        "P": np.zeros((3, 4, 3)),
         "cryptoObject": np.zeros((3, 4, 12)),
         "cryptoAsset": np.zeros((3, 4, 4)), "cryptoMaterial": np.zeros((3, 4, 32)),
         "motionForward": np.zeros((3, 4, 2)), "motionBackward": np.zeros((3, 4, 2)),

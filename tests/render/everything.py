@@ -66,6 +66,17 @@ CASES: dict[str, Case] = {
     "shadows": Case(
         settings={"lighting": "shadowed", "light_samples": 3, "shadow_resolution": 64}, lamp=True
     ),
+    "light groups": Case(
+        settings={"lighting": "relit", "light_samples": 2, "shadow_resolution": 64},
+        lamp=True,
+        aovs=("color", "irradiance", "light_default", "light_lamp", "light_captured"),
+    ),
+    "light groups and samples": Case(
+        settings={"lod_error": 4.0, "lod_samples": 2, "samples": 2, "lighting": "shadowed"},
+        lamp=True,
+        tree=True,
+        aovs=("color", "light_default", "light_lamp", "light_captured"),
+    ),
     "sky": Case(
         settings={"lighting": "shadowed", "dome_samples": 3, "shadow_resolution": 64}, sky=True
     ),
@@ -161,8 +172,9 @@ def scene_of(case: Case, splats: int) -> RenderScene:
         matrix = np.diag([1.0, 1.0, 1.0, 1.0])
         matrix[:3, 3] = 0.3, 0.5, 2.0
         lamp = LightSpec(
-            kind="rect", size=(1.0, 0.5), to_world=tuple(matrix.ravel()), radiance=(4.0, 3.0, 2.0)
-        )
+            kind="rect", size=(1.0, 0.5), to_world=tuple(matrix.ravel()), radiance=(4.0, 3.0, 2.0),
+            group="light_lamp",
+        )  # fmt: skip
         scene.set_light("/lamp", lamp)
     if case.sky:
         sky, _ = split(rng.random((6, 12, 3), np.float32))

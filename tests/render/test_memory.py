@@ -14,6 +14,7 @@ from tests.images.test_holdout import flat
 from tests.render import everything
 from tests.render.rendering import lens, random_cloud, scene_of, settings_of, view_of
 from usdsplat import images
+from usdsplat.images.aovs import is_light
 from usdsplat.images.holdout import open_holdout
 from usdsplat.images.holdout_nodes import STRIP
 from usdsplat.kernels import project
@@ -152,6 +153,7 @@ def check(renderer, scene, view, settings, request) -> None:
         pairs=made["tiles.lists"] // 4,
         rank_pairs=(settings.crypto_rank + 1) // 2,
         triangle_pairs=made.get("triangles.lists", 0) // 4,
+        light_parts=sum(map(is_light, request.aovs)),
     )
     used = memory.buffers_of(scene, view, settings, request)
     declared = {name: buffer.nbytes(sizes) for name, buffer in used.items()}

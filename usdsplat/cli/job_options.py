@@ -6,7 +6,7 @@ import json
 import math
 import os
 import shlex
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, fields
 from importlib.util import find_spec
@@ -22,6 +22,7 @@ from usdsplat.core.wording import counted
 from usdsplat.jobs.local import GPUS
 
 if TYPE_CHECKING:
+    from usdsplat.core.findings import Findings
     from usdsplat.jobs.dask_cluster import DaskWorkers
     from usdsplat.jobs.job import Job
     from usdsplat.jobs.local import LocalWorkers
@@ -226,14 +227,22 @@ class JobRunner:
         """Return the number of workers; 0 if a farm runs the tasks."""
         return 0 if self._workers is None else len(self._workers)
 
-    def run(self, job: Job) -> Iterator[dict[str, Any]]:
+    def run(
+        self, job: Job, *, findings: Findings | None = None
+    ) -> Generator[dict[str, Any], None, None]:
         """Run a job, print the findings of its tasks, and yield the JSON objects that they print.
+        Closing the iterator ends the job.
+
+        Args:
+            job: The job.
+            findings: Receives the findings instead of those of the command, which prints them.
 
         Raises:
             JobError: After all others have ended, if a task failed.
         """
         from usdsplat.core.findings import Finding
 
+        told = self._reporter.findings if findings is None else findings
         total = len(job.tasks())
         failed: list[Outcome] = []
         label = f"{job.name}, task"
@@ -250,7 +259,7 @@ class JobRunner:
                     continue
                 printed = json.loads(outcome.result.out)
                 found = (Finding(**each) for each in printed.pop("findings"))
-                self._reporter.findings.extend(found)
+                told.extend(found)
                 yield printed
         if failed and all(each.result is None or each.result.status == 1 for each in failed):
             raise StrictError("--strict", f"findings in {job.name}", "none; nothing is written")

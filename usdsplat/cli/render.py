@@ -19,6 +19,8 @@ examples:
       colours that the config's first view, here ACES 2.0, shows as they were captured
   usdsplat render shot.usd -o shot.exr --aovs color,shadow --catcher /World/Ground
       the shadow that the lights of the stage cast on a ground that is not in the picture
+  usdsplat render shot.usd -o shot.exr --lighting relit --aovs color,lights
+      the part of the picture by each light group, to balance them in compositing
   usdsplat render shot.usd
       all products of the stage's RenderSettings
   usdsplat render shot.usd -o shot.####.exr --frames 1001-1240 --jobs 2

@@ -100,7 +100,8 @@ class FileOptions(FileFlags):
 
 
 AOV_HELP = (
-    f"all, or some of {', '.join(AOVS)}, separated by commas; default: the product's, or color"
+    f"all, or some of {', '.join(AOVS)}, separated by commas, and lights for a light_GROUP of each "
+    "light group, or some of those; default: the product's, or color"
 )
 
 

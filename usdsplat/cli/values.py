@@ -43,7 +43,8 @@ def names_of(text: str | None) -> tuple[str, ...] | None:
 
 
 def aovs_of(text: str | None) -> tuple[str, ...] | None:
-    """Return the value of `--aovs`: a list separated by commas, or "all"."""
+    """Return the value of `--aovs`: a list separated by commas, or "all": all but those of light
+    groups, which change how colours are blended."""
     return tuple(AOVS) if text == "all" else names_of(text)
 
 

@@ -41,6 +41,7 @@ from usdsplat.cli.stage_options import StageOptions
 from usdsplat.cli.values import time_code
 from usdsplat.core import interrupt
 from usdsplat.core.errors import BackendError, StageError, UnknownFormatError, UsageError
+from usdsplat.core.freed import share_freed_memory
 from usdsplat.core.scratch import scratch_folder
 
 if TYPE_CHECKING:
@@ -91,6 +92,7 @@ def run(options: Options, reporter: Reporter) -> int:
     """Show the file until the window is closed, or until Ctrl-C."""
     from usdsplat.interchange.files import is_usd
 
+    share_freed_memory()
     time_code(options.frame)
     _check_web(options)
     path = options.file

@@ -24,5 +24,7 @@ class StageInfo:
     """Paths of all prims that can be drawn, hidden ones too, sorted. They do not depend on time,
     visibility and purposes: an index in them identifies a prim over a sequence, and between
     runs."""
+    lights: tuple[str, ...]
+    """AOVs of the light groups of the lights that shine at any time, see `images.aovs`."""
     assets: tuple[str, ...]
     """Paths of the assets of these prims, see `InstanceSpec.asset`, sorted."""

@@ -6,12 +6,20 @@ is written to the file's header.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
 from usdsplat.core.errors import UsageError
 from usdsplat.images import cryptomatte
+
+LIGHT = "light_"
+"""Start of the names of AOVs of light groups."""
+CAPTURED = "light_captured"
+"""AOV of the light that no light of the stage explains."""
+EVERY_LIGHT = ("lights", "light_*")
+"""Names in requests that stand for the AOVs of all light groups."""
 
 _EMPTY = "; inf in empty pixels"
 """End of the meaning of every depth."""
@@ -158,6 +166,15 @@ _ALL = (
         "1 in empty pixels",
     ),
     Aov(
+        name="irradiance",
+        hydra="irradiance",
+        channels=("irradiance.R", "irradiance.G", "irradiance.B"),
+        kind="data",
+        meaning="light that arrives, with shadows, as a white surface reflects it (irradiance / "
+        "pi), linear, in the primaries of the working space, the mean weighted by contributions to "
+        "the pixel's coverage; 0 in empty pixels",
+    ),
+    Aov(
         name="forward",
         hydra="motionForward",
         channels=("forward.u", "forward.v"),
@@ -207,10 +224,43 @@ _ALL = (
 )
 
 AOVS = {aov.name: aov for aov in _ALL}
-"""AOVs by name."""
+"""AOVs by name, without those of light groups, whose names come from the stage."""
 
 
 _BY_EITHER_NAME = {aov.hydra: aov for aov in _ALL} | AOVS
+
+
+def is_light(name: str) -> bool:
+    """Return whether a name is that of an AOV of a light group, or of the light that is left."""
+    return re.fullmatch(f"{LIGHT}[A-Za-z0-9_]+", name) is not None
+
+
+def light_name(group: str) -> str:
+    """Return the name of the AOV of a light group. Other characters than ASCII letters, digits and
+    underscores, which layers of compositors cannot have, are underscores."""
+    name = LIGHT + re.sub("[^A-Za-z0-9_]", "_", group)
+    return f"{name}_" if name == CAPTURED else name
+
+
+def aov_named(name: str) -> Aov:
+    """Return the AOV of a name; it may be that of a light group.
+
+    Raises:
+        KeyError: If there is none.
+    """
+    if not is_light(name):
+        return AOVS[name]
+    what = f"lights of group {name.removeprefix(LIGHT)}"
+    if name == CAPTURED:
+        what = "light that no light of the stage explains"
+    return Aov(
+        name=name,
+        hydra=name,
+        channels=tuple(f"{name}.{channel}" for channel in "RGB"),
+        kind="color",
+        meaning=f"part of the premultiplied colour by {what}, in the space of colorInteropID; all "
+        "parts add up to color",
+    )
 
 
 def find_aovs(names: Sequence[str], *, where: str = "AOVs") -> tuple[Aov, ...]:
@@ -220,9 +270,9 @@ def find_aovs(names: Sequence[str], *, where: str = "AOVs") -> tuple[Aov, ...]:
         UsageError: If a name is unknown or repeated, or there is none.
     """
     for name in names:
-        if name not in _BY_EITHER_NAME:
-            raise UsageError(where, repr(name), f"one of {', '.join(AOVS)}")
-    found = tuple(_BY_EITHER_NAME[name] for name in names)
+        if name not in _BY_EITHER_NAME and not is_light(name):
+            raise UsageError(where, repr(name), f"one of {', '.join(AOVS)}, lights")
+    found = tuple(_BY_EITHER_NAME.get(name) or aov_named(name) for name in names)
     if not found or len(set(found)) < len(found):
         raise UsageError(where, repr(",".join(names)), "one or more names, each once")
     return found

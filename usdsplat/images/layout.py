@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from usdsplat.images import cryptomatte
-from usdsplat.images.aovs import AOVS
+from usdsplat.images.aovs import aov_named
 from usdsplat.images.background import Background
 from usdsplat.images.timecode import Timecode
 
@@ -35,7 +35,7 @@ class ImageLayout:
     pixel_aspect_ratio: float = 1.0
     """Width over height of a pixel."""
     aovs: tuple[str, ...] = ("color",)
-    """Names in `aovs.AOVS`."""
+    """Names of AOVs, see `aovs.aov_named`."""
     pixel_type: PixelType | None = None
     """Type of colour channels; None is the format's default: half in EXR, else uint8."""
     pixel_types: Mapping[str, PixelType] = field(default_factory=dict)
@@ -79,7 +79,7 @@ class ImageLayout:
         """
         rows = len(band[self.aovs[0]]) if self.aovs[0] in band else 0
         for name in self.aovs:
-            aov = AOVS[name].with_rank(self.crypto_rank)
+            aov = aov_named(name).with_rank(self.crypto_rank)
             tail = () if len(aov.channels) == 1 else (len(aov.channels),)
             dtype = np.dtype(np.uint32 if aov.kind == "id" else np.float32)
             expected = f"{dtype}{(rows, self.shape[1], *tail)}"

@@ -224,17 +224,17 @@ def dim(
 
 @kernel(over="found", writes=("paints",), team=True)
 def spread_gains(
-    item, lane, lanes, gains, count, drawn, block, base, sources, found, paints, column
+    item, lane, lanes, gains, otherwise, count, drawn, block, base, sources, found, paints, column
 ):
-    """Copy the ratios of the visible splats of one field to three columns; see `dim`. Empty `gains`
-    stand for 1."""
+    """Copy r g b of the visible splats of one field to three columns; see `dim`. Empty `gains`
+    stand for `otherwise`."""
     blocks = (drawn + block - 1) // block
     first = np.int64(item // blocks) * count
     slot = base + item * block
     for at in range(slot + lane, slot + found[item], lanes):
         i = np.int64(sources[at])
         for c in range(3):
-            paints[at, column + c] = gains[first + i, c] if gains.shape[0] > 0 else np.float32(1)
+            paints[at, column + c] = gains[first + i, c] if gains.shape[0] > 0 else otherwise
 
 
 @kernel(over="color", writes=("color",), axes=2)

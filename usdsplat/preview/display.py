@@ -9,12 +9,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
 from usdsplat.core.cloud import F32, F64
 from usdsplat.delegate.render_buffer import Pixels
-from usdsplat.images.aovs import find_aovs
+from usdsplat.images.aovs import AOVS, Aov, aov_named, find_aovs, is_light
 from usdsplat.images.color import REC709, convert, luminance
 from usdsplat.images.cryptomatte import LAYERS
 from usdsplat.kernels import false_color, show
@@ -24,6 +25,7 @@ from usdsplat.preview.tree_levels import Levels
 from usdsplat.preview.values import DisplaySettings, Image, Look
 from usdsplat.preview.viewing import DisplayTransforms
 from usdsplat.render.fields import Box
+from usdsplat.render.settings import RenderSettings
 
 CHANNELS = {
     "rgb": show.ALL, "luminance": show.ALL, "red": show.RED, "green": show.GREEN,
@@ -43,6 +45,7 @@ FEW = 40_000
 """Approximate number of pixels used to find a range."""
 BESIDE = {
     "albedo": "color",
+    "irradiance": "color",
     "motionForward": "depth",
     "motionBackward": "depth",
     "confidence": "depth",
@@ -64,7 +67,20 @@ def needed(look: Look) -> tuple[str, ...]:
         UsageError: If the AOV is unknown.
     """
     name = find_aovs((look.aov,))[0].hydra
-    return (name, BESIDE[name]) if name in BESIDE else (name,)
+    beside = "color" if is_light(name) else BESIDE.get(name)
+    return (name, beside) if beside else (name,)
+
+
+def choices(lights: tuple[str, ...]) -> tuple[Aov, ...]:
+    """Return the AOVs that can be shown of a stage with these AOVs of light groups."""
+    return *AOVS.values(), *map(aov_named, lights)
+
+
+def settings_of(look: Look) -> RenderSettings:
+    """Return the settings by which a look is drawn: light is linear."""
+    if look.aov == "irradiance" or is_light(look.aov):
+        return replace(look.settings, blend_space="linear", color_mode="scene")
+    return look.settings
 
 
 class Display:
@@ -104,8 +120,8 @@ class Display:
             UsageError: If the AOV or the OCIO view is unknown.
         """
         name = needed(look)[0]
-        if name in ("color", "albedo"):
-            return self._color(look, _with_alpha(name, arrays), display, scale)
+        if name in ("color", "albedo", "irradiance") or is_light(name):
+            return self._color(settings_of(look), _with_alpha(name, arrays), display, scale)
         pixels, out = arrays[name], np.empty((*arrays[name].shape[:2], 3), np.uint8)
         end = (*self._background(out, display, scale), out)
         run = self._device.run
@@ -142,10 +158,10 @@ class Display:
 
     # --- private ---------------------------------------------------------------------------
 
-    def _color(self, look: Look, image: F32, display: DisplaySettings, scale: float) -> Image:
-        transform = self._transforms.of(
-            look.settings, exposure=display.exposure, gamma=display.gamma
-        )
+    def _color(
+        self, settings: RenderSettings, image: F32, display: DisplaySettings, scale: float
+    ) -> Image:
+        transform = self._transforms.of(settings, exposure=display.exposure, gamma=display.gamma)
         out = np.empty((*image.shape[:2], 3), np.uint8)
         rows, square = _rows(image.shape[1], display, scale)
         self._device.run(
@@ -208,7 +224,9 @@ def _with_alpha(name: str, arrays: Mapping[str, Pixels]) -> F32:
     """Return premultiplied RGBA."""
     if name == "color":
         return arrays[name]
-    return np.concatenate([arrays[name], arrays["color"][..., 3:]], axis=-1)
+    alpha = arrays["color"][..., 3:]
+    colors = arrays[name] * alpha if name == "irradiance" else arrays[name]
+    return np.concatenate([colors, alpha], axis=-1)
 
 
 def _grey_of(image: Image) -> Image:

@@ -16,6 +16,7 @@ from pxr import Sdf, Tf, Usd, UsdGeom
 
 from usdsplat.core.cancel import CancelToken
 from usdsplat.delegate.engine import Engine
+from usdsplat.delegate.scene_delegate.light_groups import find_lights, light_aovs
 from usdsplat.interchange.provenance import KEY
 from usdsplat.kernels.device import CpuDevice
 from usdsplat.preview import boxes
@@ -103,6 +104,7 @@ class Document:
                 up_axis=up_axis(stage),
                 cameras=tuple(self.engine.cameras()),
                 has_simulation=bool(find_simulations(stage)),
+                lights=light_aovs(find_lights(stage)),
                 axes=self._axes("frame"),
                 axes_are_assumed=self._axes("frame_source") == "assumed",
                 baked=baked_frames(stage),

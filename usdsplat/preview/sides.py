@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from usdsplat.delegate.render_buffer import Pixels
-from usdsplat.preview.display import needed
+from usdsplat.preview.display import needed, settings_of
 from usdsplat.preview.pacing import Quality
 from usdsplat.preview.scenes import Scene
 from usdsplat.preview.values import Look, Picture, ViewState
@@ -97,7 +97,7 @@ def job_of(state: ViewState, scene: Scene, quality: Quality, *, waits: bool) -> 
     Args:
         waits: Whether to wait until the nodes of splat trees are read.
     """
-    settings = scene.look.settings
+    settings = settings_of(scene.look)
     if scene.has_trees:
         settings = replace(settings, node_wait=waits)
     if not quality.averages:

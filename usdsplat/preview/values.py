@@ -54,7 +54,7 @@ class Look:
     """A way to look at the stage: the whole picture, or one side of a comparison."""
 
     aov: str = "color"
-    """Name in `images.aovs.AOVS`, as used in files."""
+    """Name of an AOV in files, see `images.aovs`."""
     time: float | None = None
     """Time code; None is that of the timeline."""
     settings: RenderSettings = field(default_factory=RenderSettings)
@@ -140,6 +140,8 @@ class Opened:
     up_axis: Literal["Y", "Z"]
     cameras: tuple[str, ...]
     has_simulation: bool
+    lights: tuple[str, ...] = ()
+    """AOVs of the stage's light groups."""
     axes: str = ""
     """Axes of a capture, such as "rdf"; "" for a stage."""
     axes_are_assumed: bool = False

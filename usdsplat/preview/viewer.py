@@ -63,6 +63,8 @@ class Viewer:
         self.bookmarks: tuple[Bookmark, ...] = ()
         self.cameras: tuple[str, ...] = ()
         """Paths of the stage's cameras."""
+        self.lights: tuple[str, ...] = ()
+        """AOVs of the stage's light groups."""
         self.has_simulation = False
         """Whether the stage has a simulation."""
         self._range = (0.0, 0.0)  # range of the stage; the timeline's may differ
@@ -98,7 +100,7 @@ class Viewer:
         self.timeline = Timeline(
             start=event.start, end=event.end, rate=event.rate, current=event.start
         )
-        self.cameras, self.up_axis = event.cameras, event.up_axis
+        self.cameras, self.lights, self.up_axis = event.cameras, event.lights, event.up_axis
         self.has_simulation, self._range = event.has_simulation, (event.start, event.end)
         self.bookmarks, self.subject, self._seen = (), None, None
         self._glide, self.flight = None, (0.0, 0.0, 0.0)
@@ -366,7 +368,8 @@ class Viewer:
 
     def _renew(self, event: Opened) -> None:
         """Update cameras, simulation and range of the stage."""
-        self.cameras, self.has_simulation = event.cameras, event.has_simulation
+        self.cameras, self.lights = event.cameras, event.lights
+        self.has_simulation = event.has_simulation
         before, self._range = self._range, (event.start, event.end)
         if self._range != before:
             self.timeline.set_range(event.start, max(event.start, event.end))

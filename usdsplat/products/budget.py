@@ -8,7 +8,7 @@ from pathlib import Path
 from usdsplat.core.errors import UsageError
 from usdsplat.core.wording import counted, said_bytes
 from usdsplat.delegate.engine import Engine
-from usdsplat.images.aovs import AOVS
+from usdsplat.images.aovs import aov_named
 from usdsplat.kernels.bins import TILE
 from usdsplat.products.deep_ids import deep_ids
 from usdsplat.products.request import PicturePlan
@@ -99,7 +99,7 @@ def budget(
     if plan.settings.samples > 1 and not plan.deep:
         usual *= TALLER
     request = PictureRequest(
-        aovs=("color",) if plan.deep else tuple(AOVS[name].hydra for name in plan.aovs),
+        aovs=("color",) if plan.deep else tuple(aov_named(name).hydra for name in plan.aovs),
         holds_out=plan.holdout is not None,
         held_nodes=held_nodes,
         deep=plan.deep,
@@ -144,5 +144,5 @@ def _kept_bytes(plan: PicturePlan) -> int:
     settings = plan.settings
     if plan.deep:
         return 2 * deep_bytes(settings, len(deep_ids(plan.aovs)))
-    drawn = (AOVS[name].with_rank(settings.crypto_rank) for name in plan.aovs)
+    drawn = (aov_named(name).with_rank(settings.crypto_rank) for name in plan.aovs)
     return 4 * sum(len(aov.channels) for aov in drawn)

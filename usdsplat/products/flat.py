@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from usdsplat.delegate.engine import Engine
 from usdsplat.images import open_writer
-from usdsplat.images.aovs import AOVS
+from usdsplat.images.aovs import aov_named
 from usdsplat.images.view import ViewTransform
 from usdsplat.products.picture_file import PictureFile, RowsWritten
 from usdsplat.render.band import Band
@@ -53,7 +53,7 @@ def flat_bands(engine: Engine, file: PictureFile) -> Iterator[Band]:
     # The view transform of a premultiplied colour needs the coverage of the pixel.
     with_color = plan.is_baked and "albedo" in plan.aovs
     names = dict.fromkeys((*plan.aovs, *(("color",) if with_color else ())))
-    by_hydra = {AOVS[name].hydra: AOVS[name] for name in names}
+    by_hydra = {aov.hydra: aov for aov in map(aov_named, names)}
     through = view_of(plan.settings) if plan.is_baked else None
     bands = engine.render(
         file.view,

@@ -28,6 +28,7 @@ from usdsplat.images.frame_numbers import FileName, frame_path
 from usdsplat.images.layout import PixelType
 from usdsplat.products import remarks
 from usdsplat.products.header import layout_of, start_offset
+from usdsplat.products.light_aovs import settings_for, with_groups
 from usdsplat.products.request import MOST_PIXELS, PicturePlan, RenderRequest
 from usdsplat.render.framing import CONFORM
 from usdsplat.render.output import view_of
@@ -51,6 +52,8 @@ def plan_pictures(engine: Engine, request: RenderRequest) -> tuple[PicturePlan, 
         UsageError: If no output file is given, or a flag is wrong.
         StageError: If the camera, product or settings prim does not exist.
     """
+    if request.aovs:
+        request = replace(request, aovs=with_groups(engine, request.aovs, where="--aovs"))
     _check(request)
     camera = None if request.camera is None else find_camera(engine, request.camera)
     products = engine.products(
@@ -135,6 +138,7 @@ def _finished(
         through_view = for_display and (request.bake_view or _names_view(settings))
         settings = replace(settings, color_mode="scene" if deep or through_view else suited)
     is_baked = settings.color_mode != "display" and (for_display or request.bake_view)
+    settings = settings_for(settings, names, where=f"{where} AOVs", is_baked=is_baked)
     if not deep:  # `without_effect` names the view of a deep picture
         settings, unused = _with_config(settings, where, is_baked=is_baked, for_display=for_display)
         findings = (*findings, *unused)
@@ -153,6 +157,7 @@ def _finished(
         pixel_types=_pixel_types(request, spec),
         matte=(*spec.matte, *((path, True) for path in request.matte)),
         catchers=tuple((path, True) for path in request.catchers),
+        light_rules=spec.light_rules,
         holdout=request.holdout,
         deep=deep,
         compare=request.compare,

@@ -13,6 +13,7 @@ from usdsplat.core.errors import OutputError, UsageError
 from usdsplat.core.findings import Findings
 from usdsplat.core.output import Existing
 from usdsplat.delegate.engine import Engine
+from usdsplat.images.aovs import is_light
 from usdsplat.products import remarks
 from usdsplat.products.budget import WORTH_SAYING, Budget, budget, with_node_memory
 from usdsplat.products.existing import difference
@@ -185,6 +186,8 @@ def _budgets(
         findings.extend(plan.findings)
         if plan.deep:
             findings.say(remarks.what_is_forced(plan))
+        elif any(map(is_light, plan.aovs)):
+            findings.say(remarks.what_lights_force(plan))
         if limit is not None or found.estimate.total > WORTH_SAYING:
             findings.say(f"{path.name}: {found.sentence()}")
     return budgets

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from usdsplat.images.aovs import is_light
 from usdsplat.images.cryptomatte import LAYERS, object_hash, rank_pairs
 from usdsplat.kernels import cryptomatte, total
 from usdsplat.kernels.device import Device
@@ -22,19 +23,24 @@ class SampleAccumulator:
 
     Args:
         shape: Rows and columns.
-        names: The AOVs to average: color, albedo, shadow, layers of Cryptomatte.
+        names: The AOVs to average: color, albedo, those of light, layers of Cryptomatte.
     """
 
     def __init__(self, frame: FrameContext, shape: tuple[int, int], names: Sequence[str]) -> None:
         self._device = frame.device
         self._count = self._matte_count = 0
-        self._sums: dict[str, npt.NDArray[Any]] = {}
         held = frame.buffers.sums
-        sums = {"color": held.color, "albedo": held.albedo, "shadow": held.shadow}
-        for name in names:
-            if name in sums:
-                self._sums[name] = sums[name](*shape)
-                frame.device.run(total.clear, self._sums[name])
+        whole = {
+            "color": held.color, "albedo": held.albedo, "shadow": held.shadow,
+            "irradiance": held.irradiance,
+        }  # fmt: skip
+        self._sums = {name: whole[name](*shape) for name in names if name in whole}
+        parts = tuple(filter(is_light, names))
+        lights = held.lights(len(parts), *shape)
+        for k, name in enumerate(parts):
+            self._sums[name] = lights[k * shape[0] : (k + 1) * shape[0]]
+        for each in self._sums.values():
+            frame.device.run(total.clear, each)
         pairs = rank_pairs(frame.settings.crypto_rank)
         self._mattes = {
             layer: _Mattes(frame.device, frame.buffers.matte(layer), (*shape, pairs))
@@ -53,7 +59,7 @@ class SampleAccumulator:
         self.add_mattes(arrays, groups)
 
     def add_images(self, arrays: Mapping[str, Any]) -> None:
-        """Add colour, albedo and shadow of one sample."""
+        """Add colour, albedo and AOVs of light of one sample."""
         self._count += 1
         for name, held in self._sums.items():
             self._device.run(total.add, held, arrays[name])
@@ -94,11 +100,13 @@ class LayerAverage:
             ("color", layers.color),
             ("albedo", layers.albedo),
             ("left", layers.left),
+            ("lights", layers.lights),
         ):
             if array is None:
                 continue
             if name not in self._sums:
-                self._sums[name] = getattr(self._buffers, name)(*self._shape)
+                parts = (array.shape[0] // self._shape[0],) if name == "lights" else ()
+                self._sums[name] = getattr(self._buffers, name)(*parts, *self._shape)
                 self._device.run(total.clear, _with_channels(self._sums[name]))
             self._device.run(total.add, _with_channels(self._sums[name]), _with_channels(array))
 
@@ -111,6 +119,7 @@ class LayerAverage:
             color=self._sums["color"],
             albedo=self._sums.get("albedo"),
             left=self._sums.get("left"),
+            lights=self._sums.get("lights"),
         )
 
 

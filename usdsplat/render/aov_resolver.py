@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from usdsplat.core.cloud import F32, I32
+from usdsplat.images.aovs import CAPTURED, is_light
 from usdsplat.images.cryptomatte import LAYERS, rank_pairs
-from usdsplat.kernels import cryptomatte, feature, position, receivers, surface
+from usdsplat.kernels import cryptomatte, feature, light_parts, position, receivers, surface, total
 from usdsplat.kernels import median as median_kernels
 from usdsplat.render.frame_context import FrameContext, FrameSample
+from usdsplat.render.lights.needs import LightRequest
 from usdsplat.render.matte_groups import MatteGroups
 from usdsplat.render.motion import Motion
 from usdsplat.render.occluders import Occluders
@@ -19,8 +22,9 @@ from usdsplat.render.projected_splats import ProjectedSplats
 from usdsplat.render.surfaces import SurfaceBand
 from usdsplat.render.tile_lists import TileLists
 
-AVERAGED = ("color", "albedo", "shadow", *LAYERS)
-"""AOVs that are averaged over samples. Averages of other AOVs, such as ids, have no meaning."""
+AVERAGED = ("color", "albedo", "shadow", "irradiance", *LAYERS)
+"""AOVs that are averaged over samples, like those of light groups. Averages of others, such as ids,
+have no meaning."""
 SURFACE = {"Neye", "confidence", "occlusion"}
 """AOVs for which the normals of surfaces are needed."""
 SUMMED = {*SURFACE, "Naxis", "depthExpected", "albedo"}
@@ -42,10 +46,20 @@ PRODUCT = {
 requested separately."""
 
 
+def is_averaged(aov: str) -> bool:
+    """Return whether an AOV is averaged over the samples of a picture."""
+    return aov in AVERAGED or is_light(aov)
+
+
+def needs_median(aovs: AbstractSet[str]) -> bool:
+    """Return whether AOVs depend on the median splat."""
+    return not all(name in BESIDE_MEDIAN or is_light(name) for name in aovs)
+
+
 def products_of(aovs: set[str]) -> frozenset[str]:
     """Return the products that must be drawn in addition to colour."""
     products = {PRODUCT[name] for name in aovs if name in PRODUCT}
-    return frozenset(products | ({"median"} if aovs - BESIDE_MEDIAN else set()))
+    return frozenset(products | ({"median"} if needs_median(aovs) else set()))
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -58,6 +72,8 @@ class SplatLayers:
     """The same of the albedo; None if it is not needed."""
     left: F32 | None
     """Transmittance to the surfaces, shape (h, w); None without surfaces."""
+    lights: F32 | None = None
+    """As `color`, by each part of the light, shape (parts h, w, 4); None if there are none."""
 
 
 class AovResolver:
@@ -96,7 +112,7 @@ class AovResolver:
         self._frame.clock.lap("blend")
         left = None if surfaces is None else self._left(color, through)
         arrays: dict[str, Any] = {}
-        if wanted - BESIDE_MEDIAN:
+        if needs_median(wanted):
             arrays |= self._nearest("median")
             arrays |= self._places(arrays, motion, y0, wanted)
             self._number_elements(arrays)  # motion needs rows of the fields
@@ -104,8 +120,10 @@ class AovResolver:
             arrays["depthFront"] = self._nearest("front")["depth"]
         if wanted & SUMMED:
             arrays |= self._features(left, wanted)
-        if "shadow" in wanted:
-            arrays["shadow"] = self.shadow(left)
+        arrays |= self.light_means(wanted, left)
+        if parts := LightRequest.of(aovs).parts:
+            layers = self._light_layers(parts, color)
+            arrays |= composited_parts(self._frame, parts, layers, left, surfaces)
         for layer, groups in mattes.items():
             arrays[layer] = self._matte(layer, groups, left, raw=raw)
         if "color" in wanted:
@@ -122,17 +140,30 @@ class AovResolver:
         self._frame.clock.lap("blend")
         left = None if self._surfaces is None else self._left(color, through)
         albedo = self._tiles.sums("albedo") if "albedo" in wanted else None
+        parts = LightRequest.of(aovs).parts
+        lights = self._light_layers(parts, color) if parts else None
         ranked = {
             layer: self._matte(layer, groups, left, raw=True) for layer, groups in mattes.items()
         }
-        return SplatLayers(color=color, albedo=albedo, left=left), ranked
+        return SplatLayers(color=color, albedo=albedo, left=left, lights=lights), ranked
 
-    def shadow(self, left: F32 | None) -> F32:
-        """Return the ratio of light with and without shadows, shape (h, w, 3), after colour.
+    def light_means(self, wanted: AbstractSet[str], left: F32 | None) -> dict[str, Any]:
+        """Return those of the AOVs `shadow` and `irradiance` that are wanted, after colour.
 
         Args:
             left: Transmittance to the surfaces; None without surfaces.
         """
+        found = {}
+        if "shadow" in wanted:
+            found["shadow"] = self._shadow(left)
+        if "irradiance" in wanted:
+            found["irradiance"] = self._irradiance(left)
+        return found
+
+    # --- private ---------------------------------------------------------------------------
+
+    def _shadow(self, left: F32 | None) -> F32:
+        """Return the ratio of light with and without shadows, shape (h, w, 3)."""
         out: F32 = self._buffers.shadow(*self._tiles.shape)
         lighting, shadows = self._sample.lighting, self._sample.shadows
         if lighting is None or shadows is None:
@@ -149,7 +180,35 @@ class AovResolver:
         self._frame.clock.lap("shadow")
         return out
 
-    # --- private ---------------------------------------------------------------------------
+    def _irradiance(self, left: F32 | None) -> F32:
+        """Return the mean light that arrives, in the working space, shape (h, w, 3)."""
+        out: F32 = self._buffers.irradiance(*self._tiles.shape)
+        paints, band = self._sample.paints, self._surfaces
+        if paints is None or paints.lighting is None:
+            self._run(total.clear, out)
+            return out
+        splats = self._tiles.painted(paints.arrivals())
+        nothing = np.empty((0, 0), np.float32)
+        shown, sums = (nothing, nothing)
+        if left is not None and band is not None and band.light is not None:
+            shown, sums = left, band.light.sums
+        self._run(light_parts.mean_light, splats, shown, sums, out)
+        self._frame.clock.lap("irradiance")
+        return self._frame.output.light(out)
+
+    def _light_layers(self, parts: tuple[str, ...], color: F32) -> F32:
+        """Return the splats' colours by each part of the light, see `SplatLayers`."""
+        height, width = self._tiles.shape
+        layers: F32 = self._buffers.lights(len(parts), height, width)
+        self._run(total.clear, layers)
+        paints = self._sample.paints
+        assert paints is not None
+        for k, name in enumerate(parts):
+            if paints.is_lit(name):
+                image = self._tiles.painted(paints.part(name)) if paints.is_divided else color
+                self._run(total.add, layers[k * height : (k + 1) * height], image)
+        self._frame.clock.lap("lights")
+        return layers
 
     def _left(self, color: F32, through: F32 | None) -> F32:
         """Return the transmittance of the splats to the surfaces behind them, shape (h, w)."""
@@ -278,6 +337,44 @@ class AovResolver:
                 keep(groups.of_materials), out,
             )  # fmt: skip
         return out
+
+
+def composited_parts(
+    frame: FrameContext,
+    parts: tuple[str, ...],
+    layers: F32,
+    left: F32 | None,
+    behind: SurfaceBand | None,
+) -> dict[str, Any]:
+    """Return the AOVs of light groups, composited over surfaces; before `composited` colour, which
+    changes the colours of the surfaces.
+
+    Args:
+        layers: See `SplatLayers.lights`; it is changed.
+        left: Transmittance of the splats to the surfaces, shape (h, w); None without surfaces.
+        behind: The surfaces; None without any.
+    """
+    found, height = {}, layers.shape[0] // len(parts)
+    for k, name in enumerate(parts):
+        layer = layers[k * height : (k + 1) * height]
+        color = None if behind is None else _part_of(frame, behind, name)
+        found[name] = composited(frame, layer, left, color, counts=False)
+    return found
+
+
+def _part_of(frame: FrameContext, band: SurfaceBand, name: str) -> F32:
+    """Return the colours of surfaces by a part of the light, linear Rec.709, shape (h, w, 3)."""
+    run, light = frame.device.run, band.light
+    out: F32 = frame.buffers.lit.colors(*band.color.shape[:2])
+    if light is None:
+        run(total.clear, out)
+        if name == CAPTURED:
+            run(total.add, out, band.color)
+        return out
+    part = np.empty((0, 3), np.float32) if name == CAPTURED else light.parts[name]
+    ambient = np.float32(light.ambient)
+    run(light_parts.surface_part, band.color, light.sums, part, light.first, ambient, out)
+    return out
 
 
 def composited(

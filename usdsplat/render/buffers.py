@@ -62,6 +62,8 @@ class Sizes:
     """Groups of four channels of a layer of Cryptomatte; each holds two prims."""
     triangle_pairs: int = 0
     """Pairs of a triangle and a tile that it touches."""
+    light_parts: int = 0
+    """AOVs of light groups."""
 
 
 class Buffer:

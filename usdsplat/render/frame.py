@@ -9,11 +9,11 @@ trees are seen, it is repeated with other points in the pixel for them, see `lod
 of one sample is prepared once, for all of its bands. Each of many samples is prepared again for
 each band, so that memory does not grow with their number.
 
-Tiles are rasterized where AOVs are resolved, in `aov_resolver`. Colour, albedo and mattes are
-averaged over all samples. Every other AOV is read from one more sample, in the center of shutter,
-lens and pixel, and is never mixed. A device may draw a picture that needs colour alone in one step,
-see `Rasterizer.draw_color`. `render_deep` draws deep pictures of one sample, and `deep_merging`
-those of many.
+Tiles are rasterized where AOVs are resolved, in `aov_resolver`. Colour, albedo, AOVs of light and
+mattes are averaged over all samples. Every other AOV is read from one more sample, in the center of
+shutter, lens and pixel, and is never mixed. A device may draw a picture that needs colour alone in
+one step, see `Rasterizer.draw_color`. `render_deep` draws deep pictures of one sample, and
+`deep_merging` those of many.
 """
 
 from __future__ import annotations
@@ -25,17 +25,19 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from usdsplat.images.aovs import is_light
 from usdsplat.images.cryptomatte import LAYERS
 from usdsplat.kernels import surface
 from usdsplat.render import sampling
 from usdsplat.render.accumulator import LayerAverage, SampleAccumulator
 from usdsplat.render.aov_resolver import (
-    AVERAGED,
     SUMMED,
     SURFACE,
     AovResolver,
     SplatLayers,
     composited,
+    composited_parts,
+    is_averaged,
 )
 from usdsplat.render.band import Band
 from usdsplat.render.deep_samples import DeepSamples
@@ -43,7 +45,8 @@ from usdsplat.render.display import displayed
 from usdsplat.render.frame_context import FrameContext, FrameSample
 from usdsplat.render.group_gains import NO_GAINS
 from usdsplat.render.lights.lighting import lighting_of
-from usdsplat.render.lights.needs import with_catchers
+from usdsplat.render.lights.needs import LightRequest, with_catchers
+from usdsplat.render.lights.paints import LightPaints
 from usdsplat.render.lod.nodes import samples_of
 from usdsplat.render.motion import Motion
 from usdsplat.render.occluders import Occluders, with_holdout
@@ -97,8 +100,8 @@ def average_band(
     """
     (x0, _, x1, _), (y0, y1) = screen.window, rows
     window = x0, y0, x1, y1
-    averaged = tuple(name for name in frame.aovs if name in AVERAGED)
-    from_center = tuple(name for name in frame.aovs if name not in AVERAGED)
+    averaged = tuple(name for name in frame.aovs if is_averaged(name))
+    from_center = tuple(name for name in frame.aovs if not is_averaged(name))
     band = Band(y0, y1, {})
     if from_center:
         sample = prepare(frame, center, window, from_center)
@@ -133,7 +136,7 @@ def add_repeated(
         aovs: Averaged AOVs.
         sums: The accumulator of the picture.
     """
-    (x0, y0, x1, y1), behind, shadow = window, None, None
+    (x0, y0, x1, y1), behind, means = window, None, None
     mean = LayerAverage(frame, (y1 - y0, x1 - x0))
     for each in repeated:
         sample = prepare(frame, each, window, aovs)
@@ -143,20 +146,22 @@ def add_repeated(
         tiles, occluders, behind = bin_band(frame, sample, (y0, y1))
         resolver = AovResolver(frame, sample, tiles, occluders, behind)
         layers, mattes = resolver.layers(aovs)
-        if "shadow" in aovs and shadow is None:  # of one of them: they differ in far splats alone
-            shadow = resolver.shadow(layers.left)
+        if means is None:  # of one of them: they differ in far splats alone
+            means = resolver.light_means(set(aovs), layers.left)
         mean.add(layers)
         sums.add_mattes(mattes, sample.groups)
         frame.stats.blocks += tiles.blocks
         frame.clock.lap("accumulate")
     found = mean.finish()
     color = None if behind is None else behind.color
-    arrays = {"color": composited(frame, found.color, found.left, color)}
+    arrays = means or {}
+    if found.lights is not None:
+        parts = LightRequest.of(aovs).parts
+        arrays |= composited_parts(frame, parts, found.lights, found.left, behind)
+    arrays["color"] = composited(frame, found.color, found.left, color)
     if found.albedo is not None:
         under = None if behind is None else behind.albedo
         arrays["albedo"] = composited(frame, found.albedo, found.left, under, counts=False)
-    if shadow is not None:
-        arrays["shadow"] = shadow
     sums.add_images(arrays)
     frame.clock.lap("accumulate")
 
@@ -262,14 +267,19 @@ def prepare(
         if mode == "ellipses":  # each splat is drawn twice: the ellipse and its outline
             frame.stats.visible = splats.order.shape[0] // 2
         frame.clock.lap("display")
-    shadows = None
-    if "shadow" in aovs and lighting is not None:
+    paints, shadows = None, None
+    if LightRequest.of(aovs).any:
+        paints = LightPaints(
+            device=frame.device, buffers=frame.buffers.splats, projector=projector,
+            order=splats.order, lighting=lighting, blend_space=frame.blend_space,
+        )  # fmt: skip
+    if "shadow" in aovs and lighting is not None and paints is not None:
         caught = lighting.catch_weights
         if caught is not None:
             caught = projector.labelled(splats.order, caught)
-        shadows = projector.ratios(splats.order, lighting.ratios), caught
+        shadows = paints.ratios(), caught
     groups = {layer: scene.matte_groups(layer) for layer in LAYERS if layer in aovs}
-    return FrameSample(screen, splats, surfaces, groups, lighting, shadows)
+    return FrameSample(screen, splats, surfaces, groups, lighting, shadows, paints)
 
 
 def _inner_screen(view: View, window: tuple[int, int, int, int], sample: sampling.Sample) -> Screen:
@@ -377,6 +387,7 @@ def fetched(frame: FrameContext, rows: tuple[int, int], arrays: dict[str, Any]) 
     found = {name: frame.device.fetch(array) for name, array in arrays.items()}
     frame.clock.lap("fetch")
     lasting = frozenset(name for name, array in arrays.items() if found[name] is not array)
-    if "albedo" in found:  # its fourth channel, coverage, is not part of the AOV
-        found["albedo"] = found["albedo"][..., :3]
+    for name in found:  # the fourth channel of some, coverage, is not part of the AOV
+        if name == "albedo" or is_light(name):
+            found[name] = found[name][..., :3]
     return Band(*rows, found, lasting)

@@ -62,6 +62,8 @@ class SplatBuffers(BufferGroup):
     """`features` in order of depth, shape (visible, FEATURES)."""
     ordered_ratios = Buffer(lambda drawn: (drawn, feature.FEATURES), F32)
     """Ratios of light in the columns of albedo, in order of depth, shape (drawn, FEATURES)."""
+    ordered_light = Buffer(lambda drawn: (drawn, feature.FEATURES), F32)
+    """Light, or colours by some lights, in the same columns, shape (drawn, FEATURES)."""
     catches = Buffer(lambda drawn: (drawn,), F32)
     """1 for splats of shadow catchers, shape (drawn,)."""
     keeps = Buffer(lambda visible: (visible,), F32)
@@ -143,6 +145,10 @@ class PixelBuffers(BufferGroup):
     """Unit normals, shape (h, w, 3)."""
     shadow = Buffer(lambda height, width: (height, width, 3), F32)
     """Ratio of the light with and without shadows, shape (h, w, 3)."""
+    irradiance = Buffer(lambda height, width: (height, width, 3), F32)
+    """Mean light that arrives, shape (h, w, 3)."""
+    lights = Buffer(lambda light_parts, height, width: (light_parts * height, width, 4), F32)
+    """Parts of the colours by lights, one after the other, shape (parts h, w, 4)."""
     axes = Buffer(lambda height, width: (height, width, 3), F32)
     """Unit normals by the splats' thinnest axes, shape (h, w, 3)."""
     confidence = Buffer(lambda height, width: (height, width), F32)
@@ -236,6 +242,12 @@ class LitBuffers(BufferGroup):
     """The same of the directions of a dome, shape (h w, SUMS)."""
     ratios = Buffer(lambda height, width: (height * width, 3), F32)
     """Their ratio, shape (h w, 3)."""
+    one = Buffer(lambda height, width: (height * width, lighting.SUMS), F32)
+    """As `sums`, of one light, shape (h w, SUMS)."""
+    parts = Buffer(lambda light_parts, height, width: (light_parts, height * width, 3), F32)
+    """Light of each part, shape (parts, h w, 3)."""
+    colors = Buffer(lambda height, width: (height, width, 3), F32)
+    """Colours of surfaces by one part, shape (h, w, 3)."""
 
 
 class TriangleBuffers(KernelBuffers):
@@ -258,6 +270,10 @@ class SumBuffers(BufferGroup):
 
     shadow = Buffer(lambda height, width: (height, width, 3), F32)
     """Shape (h, w, 3)."""
+    irradiance = Buffer(lambda height, width: (height, width, 3), F32)
+    """Shape (h, w, 3)."""
+    lights = Buffer(lambda light_parts, height, width: (light_parts * height, width, 3), F32)
+    """Shape (parts h, w, 3)."""
     color = Buffer(lambda height, width: (height, width, 4), F32)
     """Shape (h, w, 4)."""
     albedo = Buffer(lambda height, width: (height, width, 3), F32)
@@ -273,6 +289,8 @@ class LayerBuffers(BufferGroup):
     """Shape (h, w, 4)."""
     left = Buffer(lambda height, width: (height, width), F32)
     """Shape (h, w)."""
+    lights = Buffer(lambda light_parts, height, width: (light_parts * height, width, 4), F32)
+    """Shape (parts h, w, 4)."""
 
 
 MATTES = {

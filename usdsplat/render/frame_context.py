@@ -12,6 +12,7 @@ from usdsplat.render.fields import Drawn
 from usdsplat.render.frame_buffers import FrameBuffers
 from usdsplat.render.frame_stats import Clock, FrameStats
 from usdsplat.render.lights.lighting import Lighting
+from usdsplat.render.lights.paints import LightPaints
 from usdsplat.render.lod.nodes import PictureNodes
 from usdsplat.render.matte_groups import MatteGroups
 from usdsplat.render.occluders import ReadHoldout
@@ -45,8 +46,10 @@ class FrameSample:
     lighting: Lighting | None = None
     """Light of the scene; None if nothing depends on it."""
     shadows: tuple[F32, F32 | None] | None = None
-    """Rows of features with the ratios of light, see `Projector.ratios`, and weights of
+    """Rows of features with the ratios of light, see `LightPaints.ratios`, and weights of
     the splats that count, None for all but mattes; None if they are not needed."""
+    paints: LightPaints | None = None
+    """Light on the splats; None if no AOV needs it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

@@ -9,24 +9,24 @@ sizes depend, such as the number of visible splats, are estimated from a sample 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
 
 from usdsplat.core.cloud import SplatCloud
-from usdsplat.images.aovs import AOVS
+from usdsplat.images.aovs import find_aovs
 from usdsplat.images.cryptomatte import LAYERS, rank_pairs
 from usdsplat.images.holdout_nodes import STRIP
 from usdsplat.kernels import bins, triangles
-from usdsplat.render.aov_resolver import BESIDE_MEDIAN, PRODUCT, SUMMED, SURFACE
+from usdsplat.render.aov_resolver import PRODUCT, SUMMED, SURFACE, needs_median
 from usdsplat.render.buffers import Buffer, Sizes
 from usdsplat.render.deep_memory import deep_bytes
 from usdsplat.render.draw_list import DrawList, Group
 from usdsplat.render.frame import DEEP_PIXELS
 from usdsplat.render.frame_buffers import MATTES, FrameBuffers, SurfaceBuffers, TriangleBuffers
 from usdsplat.render.lights.memory import lighting_bytes, lighting_uses
-from usdsplat.render.lights.needs import with_catchers
+from usdsplat.render.lights.needs import LightRequest, with_catchers
 from usdsplat.render.matte import is_matte
 from usdsplat.render.motion import FRAMES
 from usdsplat.render.scene import RenderScene
@@ -48,7 +48,6 @@ UNEVEN = 1.5
 """Pairs of splat and tile in the fullest band, relative to the mean of all bands."""
 WRITER, WRITER_ROWS = 4, 64
 """Number of copies of the rows that are being written to a file, and number of these rows."""
-
 PARTIAL_PAGES = 2
 """Bytes per slot: pages of wide rows of which only a few rows are touched."""
 RANKS = 8
@@ -68,6 +67,7 @@ PIXELS = {
     "confidence": "confidence",
     "occlusion": "occlusion",
     "shadow": "shadow",
+    "irradiance": "irradiance",
     "depthExpected": "expected_depth",
     "P": "positions",
     "motionForward": "motion_forward",
@@ -102,7 +102,7 @@ class PictureRequest:
     """The properties of a requested picture that its memory depends on."""
 
     aovs: tuple[str, ...] = ("color",)
-    """Names in `renderer.AOVS`."""
+    """Names in `renderer.AOVS`, or of AOVs of light groups."""
     holds_out: bool = False
     """Whether there is an external holdout."""
     held_nodes: float = 0.0
@@ -143,21 +143,21 @@ def estimate(
     laid = {id(group.cloud): len(group.cloud) for group in layout.groups}
     pixels, share = (end - begin) * (x1 - x0), min(1.0, UNEVEN * (end - begin) / (y1 - y0))
     sizes = _sizes(scene, settings, screen, (begin, end), share=share, threads=threads)
+    sizes = replace(sizes, light_parts=len(LightRequest.of(request.aovs).parts))
     used = buffers_of(scene, view, settings, request)
     in_band = sum(each.touched_bytes(sizes) for name, each in used.items() if not _by_splat(name))
     by_splat = sum(each.touched_bytes(sizes) for name, each in used.items() if _by_splat(name))
-    receivers, maps = lighting_bytes(scene, settings, set(request.aovs))
+    receivers, maps = lighting_bytes(scene, view, settings, set(request.aovs))
     by_splat += PARTIAL_PAGES * layout.slots + _of_meshes(scene) + receivers + maps
     if receivers or SURFACE & set(request.aovs):
         missing = (field for field in scene.visible_fields() if field.surface is None)
         by_splat += working_bytes([len(field.spec.cloud) for field in missing])
-    if "display.records" in used:
-        by_splat += RANKS * sizes.visible
+    by_splat += RANKS * sizes.visible * ("display.records" in used)
     kept = 0
     if request.deep:
         top, bottom = _highest(screen.bands(min(band_pixels, DEEP_PIXELS)))
         kept = (bottom - top) * (x1 - x0) * deep_bytes(settings, request.deep_ids)
-    written = (aov for aov in AOVS.values() if aov.hydra in request.aovs)
+    written = find_aovs(request.aovs) if request.aovs else ()
     channels = sum(len(aov.with_rank(settings.crypto_rank).channels) for aov in written)
     writing = WRITER * WRITER_ROWS * (x1 - x0) * 4 * channels
     strip = min(end - begin, STRIP) * (x1 - x0)
@@ -192,7 +192,7 @@ def buffers_of(
     crypto, moves = bool(layers), bool(FRAMES.keys() & aovs)
     ellipses, sampled = mode == "ellipses", settings.samples > 1
     images = {"color": bool(aovs)} | {PRODUCT[name]: True for name in SUMMED & aovs}
-    nearest = {"median": bool(aovs - BESIDE_MEDIAN), "front": "depthFront" in aovs}
+    nearest = {"median": needs_median(aovs), "front": "depthFront" in aovs}
     uses = [
         (True, "splats", "records keys sources found closed visible sort_keys sort_slots"),
         (True, "splats", "histogram ties ordered"),

@@ -48,6 +48,7 @@ class Output:
         plain = self._mode == "display" and self._view.is_plain
         self._surfaces = conversion(SURFACE_SPACE, DISPLAY_SPACE if plain else working)
         self._surfaces[LINEAR_MATRIX] *= np.float32(exposure)
+        self._light = conversion(SURFACE_SPACE, working)
         self.failed = 0
         """Number of pixels so far whose captured colour the view cannot produce."""
         self.covered = 0
@@ -76,6 +77,11 @@ class Output:
         self._recolor(rgb, self._surfaces)
         if self._mode == "display" and not self._view.is_plain:
             return self._view.forward(self._device.fetch(rgb))
+        return rgb
+
+    def light(self, rgb: F32) -> F32:
+        """Return light, linear Rec.709, shape (h, w, 3), in the working space, without exposure."""
+        self._recolor(rgb, self._light)
         return rgb
 
     def _recolor(self, image: F32, numbers: F32) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -30,6 +31,9 @@ BEHIND = -1e30
 """Depth of hidden instances, in front of every near plane [scene unit]."""
 NO_ROWS = np.empty(0, np.int32)
 NO_WEIGHTS: F32 = np.empty(0, np.float32)
+Paint = Callable[[Group, I32, I32, F32, F32], None]
+"""Write rows of features of a group, given rows of its field, `Projector._found`, records by slot,
+and the features."""
 DOT_REACH = 4
 """Distance beyond the data window within which display mode points keeps splats [pixel]. Their dots
 may be larger than the splats."""
@@ -295,20 +299,15 @@ class Projector:
             found, self._records, project.RED,
         )  # fmt: skip
 
-    def ratios(self, order: I32, gains: Gains) -> F32:
-        """Return rows of features, in order of depth, that hold gains in the columns of albedo.
+    def painted(self, order: I32, out: Memory, paint: Paint) -> F32:
+        """Return rows of features, in order of depth, that `paint` has written for each group.
 
-        They are rows of buffers that the next call overwrites.
+        They are rows of a buffer, `out`, that the next call with it overwrites.
         """
         buffer = self._buffers.features(self.layout.slots)
-        missing = np.empty((0, 3), np.float32)
         for group, found in self._parts:
-            own = gains[group.slot].factors if group.slot in gains else missing
-            self._device.run(
-                receivers.spread_gains, own, len(group.field.spec.cloud), len(group.cloud),
-                group.block, group.slot, self._sources, found, buffer, feature.ALBEDO,
-            )  # fmt: skip
-        return self._gather(self._buffers.ordered_ratios, order, buffer)
+            paint(group, self._sources, found, self._records, buffer)
+        return self._gather(out, order, buffer)
 
     def labelled(self, order: I32, numbers: I32 | F32) -> Any:
         """Return `numbers` of the appearances, one for each, by splat in order of depth."""

@@ -9,6 +9,7 @@ from typing import Any
 
 from usdsplat.core.cancel import CancelToken
 from usdsplat.core.errors import BackendError, UsageError
+from usdsplat.images.aovs import LIGHT, is_light
 from usdsplat.kernels.device import CpuDevice, Device
 from usdsplat.render import sampling
 from usdsplat.render.aov_resolver import AVERAGED
@@ -156,7 +157,9 @@ class Renderer:
 
         Args:
             settings: Settings in which only `rasterize_mode` may be auto.
-            aovs: Names in AOVS.
+            aovs: Names in AOVS, or of AOVs of light groups, see `images.aovs`. With those, splats
+                are blended in the working space, in which the picture is too: only then colours are
+                sums of their parts.
             sampler: Scene and view at other times, for motion; None for a static scene.
             holdout: External holdout that hides splats and surfaces.
             band_pixels: Approximate number of pixels of a band.
@@ -166,8 +169,10 @@ class Renderer:
             UsageError: If an AOV is unknown, the view has no area, or the OCIO view does not exist.
         """
         for name in aovs:
-            if name not in AOVS:
-                raise UsageError("AOV", repr(name), f"one of {', '.join(AOVS)}")
+            if name not in AOVS and not is_light(name):
+                raise UsageError("AOV", repr(name), f"one of {', '.join(AOVS)}, {LIGHT}GROUP")
+        if any(map(is_light, aovs)):
+            settings = replace(settings, blend_space="linear", color_mode="scene")
         screen = Screen.of(view)
         blend_space = blend_space_of(scene, settings)
         _output(

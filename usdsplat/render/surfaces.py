@@ -7,7 +7,7 @@ shade                   the same
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,6 +25,20 @@ from usdsplat.render.matte import is_matte
 from usdsplat.render.scene import RenderScene
 from usdsplat.render.screen import Screen
 from usdsplat.render.surface_cache import PackedMeshes, SurfaceCache
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SurfaceLight:
+    """Light that the surfaces of a band receive, pixel after pixel."""
+
+    sums: F32
+    """Light of all lights, see `lighting.illuminate`, shape (h * w, SUMS)."""
+    parts: Mapping[str, F32]
+    """AOV of a light group -> its part of that which colours have, shape (h * w, 3)."""
+    first: int
+    """First column of `sums` with that: light with shadows, or without."""
+    ambient: float
+    """Ambient light as a part of the light without shadows."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,6 +67,8 @@ class SurfaceBand:
     shape (2, h, w)."""
     bary: F32
     """Weights of the triangle's corners 1 and 2 at the pixel's centre, shape (h, w, 2)."""
+    light: SurfaceLight | None = None
+    """Light of the surfaces; None if it is not needed."""
     received: tuple[F32, I32] | None = None
     """Ratio of the light with and without shadows, shape (h * w, 3), and number of the prim, -1
     where there is no surface, shape (h * w,); None if they are not needed."""

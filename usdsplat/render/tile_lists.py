@@ -179,7 +179,7 @@ class TileLists:
             return self._walked[name]
         return self._blend(name, self._splats.features, COLUMNS[name])
 
-    def painted(self, features: F32, keeps: F32 | None) -> F32:
+    def painted(self, features: F32, keeps: F32 | None = None) -> F32:
         """Return sums of three numbers of each splat, columns `feature.ALBEDO` of `features`, over
         all contributions, shape (h, w, 4). `keeps` replaces the weights of mattes; None keeps them.
         """

@@ -9,6 +9,7 @@ from pxr import Sdf, Usd
 
 from usdsplat import schema
 from usdsplat.delegate.dirty_bits import DirtyBits
+from usdsplat.delegate.scene_delegate import light_groups
 from usdsplat.delegate.scene_delegate.notices import Changes, is_color_space
 from usdsplat.delegate.scene_delegate.points import PROPERTIES as POINT_PROPERTIES
 from usdsplat.delegate.scene_delegate.points import is_points
@@ -86,7 +87,7 @@ class Dependencies:
         self._read: dict[Sdf.Path, set[str]] = defaultdict(set)
         self._cropped: dict[Sdf.Path, set[str]] = defaultdict(set)
         self._meshes = population.meshes.keys()
-        self._fields = population.fields.keys()
+        self._fields, self._lights = population.fields.keys(), population.lights.keys()
         self._points = {path for path, each in population.fields.items() if is_points(each.prim)}
         for path, entry in population.rprims():
             for appearance in entry.appearances:
@@ -116,6 +117,8 @@ class Dependencies:
                 yield from _each(self._cropped.get(prim), DirtyBits.CATEGORIES)
             if bits := _inherited_bits(name):
                 yield from _each(self._placed.get(prim), bits)
+            elif name == f"primvars:{light_groups.PRIMVAR}":
+                yield from _each(self._lights & self._beneath.get(prim, set()), DirtyBits.PARAMS)
             elif name in schema.GRADE_ATTRIBUTES:
                 yield from _each(self._fields & self._beneath.get(prim, set()), DirtyBits.PRIMVAR)
             elif bits := inherited_by_mesh(name):

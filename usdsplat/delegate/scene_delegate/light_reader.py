@@ -11,6 +11,7 @@ from usdsplat import schema
 from usdsplat.core.findings import Finding
 from usdsplat.delegate.dirty_bits import DirtyBits
 from usdsplat.delegate.scene_delegate.domes import Skies
+from usdsplat.delegate.scene_delegate.light_groups import light_group_aov
 from usdsplat.delegate.scene_delegate.lights import read_light
 from usdsplat.delegate.scene_delegate.population import Population
 from usdsplat.delegate.scene_delegate.unsupported import findings_on_light, is_dome
@@ -57,7 +58,8 @@ class LightReader:
         sky = None
         if is_dome(prim):
             sky, self.remarks = self._skies.read(prim, time)
-        return replace(read_light(prim, time, cache, sky), is_on=is_on)
+        group = light_group_aov(prim)
+        return replace(read_light(prim, time, cache, sky), is_on=is_on, group=group)
 
     def clear(self) -> None:
         """Forget the pictures of domes that were read."""

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+
+from usdsplat.images.aovs import is_light, light_name
 from usdsplat.images.view import ALIASES
 
 AOVS = {
@@ -33,6 +36,7 @@ AOVS = {
     "__Pworld": "P",
     "albedo": "albedo",
     "shadow": "shadow",
+    "irradiance": "irradiance",
     "forward": "motionForward",
     "motionForward": "motionForward",
     "backward": "motionBackward",
@@ -61,6 +65,14 @@ ALPHAS = ("a", "alpha")
 
 LINEAR = tuple(space for space in ALIASES if space.startswith("lin_"))
 """Names of the spaces that pictures can be rendered in."""
+
+
+def light_of(source: str) -> str:
+    """Return the AOV of the light group that a `sourceName` names, as AOV or in the light path
+    expression of all its light; "" for any other name."""
+    if path := re.fullmatch(r"C\.\*<L\.'([^']+)'>", source):
+        return light_name(path[1])
+    return source if is_light(source) else ""
 
 
 def working_space(name: str) -> str:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from functools import cached_property
 from types import MappingProxyType
 from typing import Any
 
@@ -19,11 +20,19 @@ from usdsplat.core.findings import Finding, finding
 from usdsplat.core.knobs import checked
 from usdsplat.delegate.product import ProductSpec
 from usdsplat.delegate.scene_delegate import collections, product_metadata
-from usdsplat.delegate.scene_delegate.render_names import ALPHAS, AOVS, LINEAR, working_space
+from usdsplat.delegate.scene_delegate.light_groups import find_lights, light_aovs
+from usdsplat.delegate.scene_delegate.render_names import (
+    ALPHAS,
+    AOVS,
+    LINEAR,
+    light_of,
+    working_space,
+)
+from usdsplat.images.aovs import is_light
 from usdsplat.images.layout import PixelType
 from usdsplat.render.framing import CONFORM, data_window
 from usdsplat.render.settings import RenderSettings, usd_names
-from usdsplat.render.specs import Framing
+from usdsplat.render.specs import Framing, LightingMode, LightRules
 from usdsplat.schema.stage_values import are_finite
 
 HALF_TYPES = {
@@ -36,6 +45,10 @@ DISABLERS = {
     "depth_of_field": ("disableDepthOfField",),
 }
 """Knob -> UsdRender attributes that disable it."""
+LIGHT_COLLECTIONS: tuple[tuple[LightingMode, str], ...] = (
+    ("captured", "lightCaptured"), ("shadowed", "lightShadowed"), ("relit", "lightRelit"),
+)  # fmt: skip
+"""Light of splats, and the collection of the prims that have it."""
 
 
 def find_products(
@@ -199,6 +212,7 @@ class _Reader:
             aovs=self._aovs(),
             pixel_types=self._pixel_types(),
             matte=self._matte(),
+            light_rules=self._light_rules(),
             metadata=product_metadata.entries(self._product, self._time),
             purposes=tuple(map(str, self._value("includedPurposes"))),
         )
@@ -296,11 +310,13 @@ class _Reader:
         sources = [
             (str(var.GetPath()), str(var.GetSourceNameAttr().Get())) for var in self._all_vars()
         ]
-        names = ", ".join(dict.fromkeys(AOVS.values()))
+        unknown = [(path, name) for path, name in sources if not self._aov(name)]
+        if not unknown:
+            return ()
+        names = ", ".join((*dict.fromkeys(AOVS.values()), *self._lights))
         return tuple(
             finding("unknown-var", f"{path}.sourceName", repr(name), f"one of {names}")
-            for path, name in sources
-            if name not in AOVS
+            for path, name in unknown
         )
 
     def renamed(self) -> Iterator[Finding]:
@@ -315,9 +331,18 @@ class _Reader:
     def _vars(self) -> Iterator[tuple[str, UsdRender.Var]]:
         """Yield (our AOV name, var) of the product's supported vars."""
         for var in self._all_vars():
-            name = str(var.GetSourceNameAttr().Get())
-            if name in AOVS:
-                yield AOVS[name], var
+            if aov := self._aov(str(var.GetSourceNameAttr().Get())):
+                yield aov, var
+
+    def _aov(self, source: str) -> str:
+        """Return our AOV of a `sourceName`; "" if there is none, or no light of its group."""
+        name = AOVS.get(source) or light_of(source)
+        return name if not is_light(name) or name in self._lights else ""
+
+    @cached_property
+    def _lights(self) -> tuple[str, ...]:
+        """AOVs of the light groups of the stage."""
+        return light_aovs(find_lights(self._product.GetStage()))
 
     def _all_vars(self) -> Iterator[UsdRender.Var]:
         targets = UsdRender.Product(self._product).GetOrderedVarsRel().GetForwardedTargets()
@@ -356,3 +381,12 @@ class _Reader:
         asked = asked if asked[0] else [collections.applied(self._settings, "matte")]
         asked.append(self._pass and collections.applied(self._pass, "matte"))
         return collections.rules(self._product.GetStage(), filter(None, asked))
+
+    def _light_rules(self) -> LightRules:
+        """Return the light of the prims in the product's or the settings' collections."""
+        found: list[tuple[LightingMode, collections.Rules]] = []
+        for mode, name in LIGHT_COLLECTIONS:
+            asked = [collections.applied(each, name) for each in (self._product, self._settings)]
+            if first := next(filter(None, asked), None):
+                found.append((mode, collections.rules(self._product.GetStage(), [first])))
+        return tuple(found)

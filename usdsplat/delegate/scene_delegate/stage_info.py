@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from pxr import Usd
 
 from usdsplat.delegate.instancing import Placement
+from usdsplat.delegate.scene_delegate.light_groups import light_aovs
 from usdsplat.delegate.stage_info import StageInfo
 from usdsplat.schema.stage_values import stage_unit
 from usdsplat.schema.value_clips import clip_files, file_of, layers_without_clips
@@ -17,12 +18,15 @@ def first_frame(stage: Usd.Stage) -> float | None:
     return stage.GetStartTimeCode() if stage.HasAuthoredTimeCodeRange() else None
 
 
-def read_stage_info(stage: Usd.Stage, placed: Iterable[Placement]) -> StageInfo:
+def read_stage_info(
+    stage: Usd.Stage, placed: Iterable[Placement], lights: Iterable[Usd.Prim]
+) -> StageInfo:
     """Return the rates, the unit and the files of a stage, and the names of what can be drawn.
 
     Args:
         stage: The stage.
         placed: Placements of all prims that can be drawn.
+        lights: All lights.
     """
     prims = {each.path: each.asset or each.path for each in placed}
     session = stage.GetSessionLayer()
@@ -36,5 +40,6 @@ def read_stage_info(stage: Usd.Stage, placed: Iterable[Placement]) -> StageInfo:
         files=tuple(sorted({file_of(layer.realPath) for layer in layers})) if is_saved else (),
         clips=tuple(sorted(clip_files(stage))),
         prims=tuple(sorted(prims)),
+        lights=light_aovs(lights),
         assets=tuple(sorted(set(prims.values()))),
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-from PySide6.QtCore import Qt, Signal
+from PySide6.QtCore import QSignalBlocker, Qt, Signal
 from PySide6.QtWidgets import (
     QFrame,
     QHBoxLayout,
@@ -16,7 +16,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from usdsplat.images.aovs import AOVS
+from usdsplat.preview.display import choices
 from usdsplat.preview.kept_view import COLOUR
 from usdsplat.preview.knob_model import Editor, editors_of
 from usdsplat.preview.qt import style
@@ -64,9 +64,6 @@ class RenderPanel(QWidget):
         self.compare.setToolTip("Compare with B to the right of a draggable line (Shift+W)")
         self.compare.clicked.connect(lambda is_on: self.set_compare(is_on))
         self.aov = CalmComboBox()
-        for aov in AOVS.values():
-            self.aov.addItem(aov.name)
-            self.aov.setItemData(self.aov.count() - 1, aov.meaning, _TOOL_TIP)
         self.aov.activated.connect(lambda index: self._set_look(aov=self.aov.itemText(index)))
         self.has_time = TickBox()
         self.has_time.setToolTip("A separate time instead of the timeline's")
@@ -93,6 +90,17 @@ class RenderPanel(QWidget):
         context.proxy.picture.connect(self._show_device)
         self.follow()
 
+    def _offer_aovs(self) -> None:
+        """Offer the AOVs of the stage, each with its meaning."""
+        found = choices(self._context.viewer.lights)
+        if [self.aov.itemText(i) for i in range(self.aov.count())] == [aov.name for aov in found]:
+            return
+        with QSignalBlocker(self.aov):
+            self.aov.clear()
+            for aov in found:
+                self.aov.addItem(aov.name)
+                self.aov.setItemData(self.aov.count() - 1, aov.meaning, _TOOL_TIP)
+
     def follow(self) -> None:
         """Show the current state."""
         state = self._context.viewer.state
@@ -103,6 +111,7 @@ class RenderPanel(QWidget):
             self.side.setCurrentIndex(0)  # calls this method again
             return
         look = self.look
+        self._offer_aovs()
         self.aov.setCurrentText(look.aov)
         self.has_time.setChecked(look.time is not None)
         self.time.setEnabled(look.time is not None)

@@ -16,8 +16,8 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from usdsplat.images.aovs import AOVS
 from usdsplat.preview.camera import FreeCamera
+from usdsplat.preview.display import choices
 from usdsplat.preview.qt import style
 from usdsplat.preview.qt.knob_widgets import CalmComboBox
 from usdsplat.preview.qt.number_field import NumberField
@@ -38,7 +38,6 @@ class ViewStrip(QWidget):
         self.camera = _choices("Camera to look through", 150)
         self.camera.activated.connect(self._use_camera)
         self.aov = _choices("What is shown of each pixel ([ and ])", 110)
-        self.aov.addItems(list(AOVS))
         self.aov.activated.connect(
             lambda index: context.viewer.set_look(aov=self.aov.itemText(index))
         )
@@ -112,7 +111,12 @@ class ViewStrip(QWidget):
                 self.camera.setCurrentText(FREE)
             else:
                 self.camera.setCurrentText(state.camera or ALL)
-        self.aov.setCurrentText(state.look.aov)
+        with QSignalBlocker(self.aov):
+            names = [aov.name for aov in choices(viewer.lights)]
+            if [self.aov.itemText(i) for i in range(self.aov.count())] != names:
+                self.aov.clear()
+                self.aov.addItems(names)
+            self.aov.setCurrentText(state.look.aov)
         self.channel.setCurrentText(state.display.channel)
         self.exposure.show_value(state.display.exposure)
 

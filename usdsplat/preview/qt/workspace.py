@@ -9,8 +9,8 @@ from functools import partial
 from PySide6.QtCore import Qt, QTimer, Signal
 from PySide6.QtWidgets import QInputDialog, QMenu, QSplitter, QTabWidget, QVBoxLayout, QWidget
 
-from usdsplat.images.aovs import AOVS
 from usdsplat.preview import opening
+from usdsplat.preview.display import choices
 from usdsplat.preview.kept_view import KeptView
 from usdsplat.preview.picking import Picked, pick
 from usdsplat.preview.qt.message_bar import MessageBar, above
@@ -170,8 +170,9 @@ class Workspace(QWidget):
 
     def next_aov(self, by: int) -> None:
         """Show the next AOV of the list."""
-        names = list(AOVS)
-        place = names.index(self.context.viewer.state.look.aov)
+        names = [aov.name for aov in choices(self.context.viewer.lights)]
+        shown = self.context.viewer.state.look.aov
+        place = names.index(shown) if shown in names else 0
         self.context.viewer.set_look(aov=names[(place + by) % len(names)])
 
     def leave(self) -> None:
@@ -244,6 +245,7 @@ class Workspace(QWidget):
         proxy, context = self.proxy, self.context
         proxy.picture.connect(self.viewport.show_picture)
         proxy.picture.connect(lambda picture: self._take_back())
+        proxy.busy.connect(self.viewport.show_busy)
         proxy.problem.connect(self._say)
         context.settled.connect(self._settle)
         self.tree.frame_requested.connect(lambda path: context.viewer.frame((path,)))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from usdsplat.core.errors import UsageError
-from usdsplat.images.aovs import AOVS
+from usdsplat.images.aovs import AOVS, is_light
 from usdsplat.preview.knob_model import with_value
 from usdsplat.preview.setting_editors import with_setting
 from usdsplat.preview.viewer import Viewer
@@ -109,7 +109,7 @@ def _change_bookmarks(viewer: Viewer, message: m.Message) -> bool:
 
 
 def _check_aov(name: str) -> None:
-    if name not in AOVS:
+    if name not in AOVS and not is_light(name):
         raise UsageError("AOV", repr(name), f"one of {', '.join(AOVS)}")
 
 

@@ -12,9 +12,9 @@ from dataclasses import replace
 from typing import Any
 
 from usdsplat.core.errors import StageError, UsageError, UsdSplatError
-from usdsplat.images.aovs import AOVS
 from usdsplat.preview import opening
 from usdsplat.preview.camera import FreeCamera
+from usdsplat.preview.display import choices
 from usdsplat.preview.document import Document
 from usdsplat.preview.knob_model import editors_of
 from usdsplat.preview.picking import Picked, pick
@@ -314,8 +314,9 @@ class WebController:
         state, timeline = viewer.state, viewer.timeline
         if self._opened is not None:
             said = replace(
-                self._opened, cameras=viewer.cameras, has_simulation=viewer.has_simulation
-            )
+                self._opened, cameras=viewer.cameras, lights=viewer.lights,
+                has_simulation=viewer.has_simulation,
+            )  # fmt: skip
             if said != self._opened:
                 self._opened = said
                 self._tell_opened()
@@ -374,7 +375,7 @@ class WebController:
 
     def _tell_opened(self) -> None:
         if self._opened is not None:
-            aovs = [{"name": name, "meaning": aov.meaning} for name, aov in AOVS.items()]
+            aovs = [{"name": a.name, "meaning": a.meaning} for a in choices(self._opened.lights)]
             self._tell("opened", {**as_json(self._opened), "aovs": aovs})
 
 

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from usdsplat.core.cloud import F32
-from usdsplat.kernels import receivers, total
+from usdsplat.images.aovs import CAPTURED
+from usdsplat.kernels import light_parts, receivers, total
 from usdsplat.kernels.device import Device
-from usdsplat.render.lights.light_maps import by_pixel
+from usdsplat.render.lights.light_maps import NO_SUMS, by_pixel
 
 
 def summed(device: Device, parts: Sequence[Any]) -> Any:
@@ -24,36 +25,61 @@ def summed(device: Device, parts: Sequence[Any]) -> Any:
     return sums
 
 
-def shadow_gains(device: Device, sums: Any, ambient: float, rows: Any) -> Any:
+def shadow_gains(device: Device, sums: Any, ambient: F32, rows: Any) -> Any:
     """Return the ratios of light with to that without shadows.
 
     Args:
         sums: Light of receivers, shape (n, SUMS) f32.
-        ambient: Light that no light explains, as a part of the mean.
+        ambient: Light that no light explains, see `part_of_mean`.
         rows: See `receivers.ratios`.
     """
     gains = device.resident((sums.shape[0], 3), np.float32)
-    device.run(receivers.ratios, sums, _ambient(device, sums, ambient), np.float32(0), rows, gains)
+    device.run(receivers.ratios, sums, ambient, np.float32(0), rows, gains)
     return gains
 
 
-def relit_gains(device: Device, sums: Any, captured: Any, ambient: float, rows: Any) -> Any:
+def relit_gains(
+    device: Device, sums: Any, captured: Any, ambient: F32, captured_ambient: F32, rows: Any
+) -> Any:
     """Return the ratios of light to that in which the splats were photographed.
 
     Args:
         sums, ambient, rows: See `shadow_gains`.
-        captured: As `sums`, in the light of the photographs.
+        captured, captured_ambient: As `sums` and `ambient`, in the light of the photographs.
     """
     gains = device.resident((sums.shape[0], 3), np.float32)
-    device.run(
-        receivers.relight, sums, captured, _ambient(device, sums, ambient),
-        _ambient(device, captured, ambient), rows, gains,
-    )  # fmt: skip
+    device.run(receivers.relight, sums, captured, ambient, captured_ambient, rows, gains)
     return gains
 
 
-def _ambient(device: Device, sums: Any, ambient: float) -> F32:
-    """Return a part of the mean light without shadows, shape (3,)."""
+def shares_of(
+    device: Device, sums: Any, parts: Mapping[str, Sequence[Any]], ambient: F32, rows: Any
+) -> dict[str, Any]:
+    """Return the shares of parts of the light in the colours of splats, and that of the rest,
+    `CAPTURED`, see `light_parts.shares`.
+
+    Args:
+        sums: Light of all lights on receivers, shape (n, SUMS) f32.
+        parts: The same of each light of each part; all lights are in one of them.
+        ambient, rows: See `shadow_gains`.
+    """
+    found = {}
+    for name, part in [*parts.items(), (CAPTURED, [NO_SUMS])]:
+        found[name] = out = device.resident((sums.shape[0], 3), np.float32)
+        device.run(light_parts.shares, sums, summed(device, part), ambient, rows, out)
+    return found
+
+
+def arrivals_of(device: Device, parts: Sequence[Any], rows: Any) -> Any:
+    """Return the light of several lights that arrives at splats, shape (n, 3)."""
+    sums = summed(device, parts)
+    out = device.resident((sums.shape[0], 3), np.float32)
+    device.run(light_parts.arrivals, sums, rows, out)
+    return out
+
+
+def part_of_mean(device: Device, sums: Any, share: float) -> F32:
+    """Return a part of the mean light of receivers without shadows, shape (3,)."""
     count = max(1, sums.shape[0])
     mean = [device.run(receivers.total, sums, 3 + channel) / count for channel in range(3)]
-    return np.array(mean, np.float32) * np.float32(ambient)
+    return np.array(mean, np.float32) * np.float32(share)

@@ -13,7 +13,7 @@ from usdsplat.core.cloud import F32
 from usdsplat.kernels import domes, lighting, total
 from usdsplat.render.draw_list import DrawList
 from usdsplat.render.lights.cameras import LightCamera, bounds_of, cameras_of
-from usdsplat.render.lights.depth_map import DepthMap, draw_depth_map
+from usdsplat.render.lights.depth_map import DepthMap, MapBuffers, draw_depth_map
 from usdsplat.render.lights.dome import peak_lights, smooth_light
 from usdsplat.render.lights.sampling import samples_of
 from usdsplat.render.lights.specs import LightSpec, Rules
@@ -68,6 +68,8 @@ class LightMaps:
     """What maps depend on besides lights."""
     kept: Maps
     meshes: SurfaceCache
+    buffers: MapBuffers
+    """Buffers of maps that are not kept."""
 
     def shine(self, light: LightSpec, receivers: Sequence[Receivers], *, casts: bool) -> None:
         """Add a light to the sums of receivers.
@@ -133,8 +135,13 @@ class LightMaps:
 
         for other in [name for name, (before, _) in maps.items() if before != self.version]:
             del maps[other]
-        made = draw_depth_map(self.rasterizer, camera, self.scene, self.casters, casts, self.meshes)
-        if light.kind == "dome" and samples * made.nbytes > KEPT_BYTES:
+        keeps = samples * self.buffers.last <= KEPT_BYTES
+        buffers = MapBuffers(self.rasterizer.device.resident) if keeps else self.buffers
+        made = draw_depth_map(
+            self.rasterizer, camera, self.scene, self.casters, casts, self.meshes, buffers
+        )
+        self.buffers.last = made.nbytes
+        if not keeps:
             return made
         maps[key] = self.version, made
         while sum(each.nbytes for _, each in maps.values()) > KEPT_BYTES and len(maps) > 1:

@@ -1,72 +1,53 @@
 """Compute the light of a picture's receivers: splats, once per scene, and pixels of surfaces.
 
-Light of splats does not depend on the view. Their sums are kept for each light and field, with
-everything that they depend on, and computed again only if that has changed. Depth maps are kept,
-too, as long as they fit in `light_maps.KEPT_BYTES`: pixels of surfaces look at them in every band
-and picture.
+Light of splats does not depend on the view, which only chooses nodes of trees. Their sums are kept
+for each light and field, with everything that they depend on, and computed again only if that has
+changed. Depth maps are kept, too, as long as they fit in `light_maps.KEPT_BYTES`: pixels of
+surfaces look at them in every band and picture.
 """
 
 from __future__ import annotations
 
-from collections import OrderedDict
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from usdsplat.core.cloud import F32, I32
-from usdsplat.kernels import lighting, receivers, total
+from usdsplat.kernels import light_parts, lighting, receivers, total
 from usdsplat.kernels.points.curve_order import curve_order
 from usdsplat.render.draw_list import DrawList, Group
 from usdsplat.render.frame_buffers import FrameBuffers
 from usdsplat.render.group_gains import Gains, GroupGains
 from usdsplat.render.lights.captured import estimate
-from usdsplat.render.lights.gains import relit_gains, shadow_gains, summed
-from usdsplat.render.lights.light_maps import LightMaps, Maps, Receivers, by_pixel
-from usdsplat.render.lights.needs import is_needed, mode_of
+from usdsplat.render.lights.depth_map import MapBuffers
+from usdsplat.render.lights.gains import (
+    arrivals_of,
+    part_of_mean,
+    relit_gains,
+    shadow_gains,
+    shares_of,
+    summed,
+)
+from usdsplat.render.lights.light_maps import LightMaps, Receivers, by_pixel
+from usdsplat.render.lights.light_store import LightStore
+from usdsplat.render.lights.needs import NO_LIGHT, LightRequest, has_shadows, is_needed, mode_of
 from usdsplat.render.lights.specs import LightSpec
+from usdsplat.render.lights.targets import Key, Target, targets_of
+from usdsplat.render.lights.trees import Casters, casters_of
 from usdsplat.render.matte import is_matte
 from usdsplat.render.rasterizer import Rasterizer
 from usdsplat.render.scene import RenderScene
 from usdsplat.render.screen import Screen
 from usdsplat.render.settings import RenderSettings
 from usdsplat.render.specs import View
-from usdsplat.render.surface_cache import SurfaceCache
-from usdsplat.render.surfaces import SurfaceBand
+from usdsplat.render.surfaces import SurfaceBand, SurfaceLight
 
 ALL_APPEARANCES = -1
 NO_ROWS: I32 = np.empty(0, np.int32)
 NO_RATIOS: F32 = np.empty((0, 3), np.float32)
-
-
-@dataclass(slots=True, eq=False)
-class LightStore:
-    """What lighting keeps between pictures."""
-
-    maps: Maps = field(default_factory=OrderedDict)
-    sums: dict[tuple[int, str], tuple[Any, Any]] = field(default_factory=dict)
-    """First slot of a group and path of a light -> what the sums depend on, and the sums."""
-    estimates: dict[int, tuple[Any, Any]] = field(default_factory=dict)
-    """First slot of a group -> what the estimated light of its photographs depends on, and its
-    sums."""
-    gains: dict[tuple[int, str], tuple[Any, GroupGains]] = field(default_factory=dict)
-    """First slot of a group and mode -> what its gains depend on, and the gains."""
-    rows: dict[int, tuple[F32, I32]] = field(default_factory=dict)
-    """First slot of a group -> the centres of its field, and their order along a curve."""
-    meshes: SurfaceCache = field(default_factory=SurfaceCache)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Target:
-    """Splats of one group as receivers."""
-
-    group: Group
-    appearances: list[int]
-    """Numbers of its instances among the casters."""
-    version: Any
-    """What their light depends on besides lights and casters."""
 
 
 class Lighting:
@@ -75,7 +56,7 @@ class Lighting:
     Args:
         view: A view with all shadow catchers, see `with_catchers`.
         layout: The splats that are drawn.
-        wants_ratios: Whether the AOV of shadows is drawn.
+        wanted: The AOVs of light.
     """
 
     def __init__(
@@ -86,8 +67,7 @@ class Lighting:
         scene: RenderScene,
         view: View,
         layout: DrawList,
-        *,
-        wants_ratios: bool,
+        wanted: LightRequest = NO_LIGHT,
     ) -> None:
         self._rasterizer, self._device = rasterizer, rasterizer.device
         self._buffers = buffers
@@ -95,12 +75,14 @@ class Lighting:
             buffers.lights = LightStore()
         self._store: LightStore = buffers.lights
         self._settings, self._scene = settings, scene
-        self._catchers = view.catchers
-        self._layout, self._wants_ratios = layout, wants_ratios
-        # nodes of trees follow the view, so they cast no shadows
-        self._casters = scene.draw_list(settings.splat_budget)
+        self._catchers, self._rules = view.catchers, view.light_rules
+        self._layout, self._wanted = layout, wanted
+        self._cast = Casters(scene.drawn(), scene.draw_list(settings.splat_budget), {})
+        if wanted.everything or has_shadows(scene, view, settings):
+            self._cast = casters_of(scene, settings, self._store.trees)
+        self._casters = self._cast.layout
         self._version = (
-            tuple((path, f.shapes, f.crops, each) for path, f, each in scene.drawn()),
+            tuple((path, f.shapes, f.crops, each) for path, f, each in self._cast.drawn),
             tuple((path, mesh.spec, each) for path, mesh, each in scene.drawn_meshes()),
             view.catchers,
             (
@@ -108,12 +90,22 @@ class Lighting:
                 settings.dome_samples,
             ),
         )  # fmt: skip
+        if self._version == self._store.version:
+            self._version = self._store.version  # one object is compared quickly
+        self._store.version = self._version
+        catchers = view.catchers
+        # a function without self, which would keep all buffers until garbage is collected
         self._maps = LightMaps(
             rasterizer=rasterizer, settings=settings, scene=scene, casters=self._casters,
-            catches=self.catches, version=self._version, kept=self._store.maps,
-            meshes=self._store.meshes,
+            catches=lambda path: is_matte(path, catchers), version=self._version,
+            kept=self._store.maps, meshes=self._store.meshes,
+            buffers=MapBuffers(rasterizer.device.resident),
         )  # fmt: skip
         self._is_shadowed = settings.lighting != "captured"
+        self.shares: dict[int, dict[str, Any]] = {}
+        """First slot of a lit group -> share of each part of light in its colours."""
+        self.arrivals: dict[int, Any] = {}
+        """First slot of a group -> light that arrives at its splats, if it is needed."""
         self.gains, self.ratios = self._of_splats()
 
     @property
@@ -148,8 +140,8 @@ class Lighting:
             x0, y0: Pixel of the first column and row of the band.
         """
         is_plain = all(light.is_plain for light in self._scene.named_lights.values())
-        casts = self._is_shadowed or self._wants_ratios
-        if is_plain and not casts:
+        casts, parts = self._is_shadowed or self._wanted.everything, self._wanted.parts
+        if is_plain and not casts and not parts:
             return band
         run, (height, width) = self._device.run, band.depth.shape
         made = self._buffers.lit
@@ -161,15 +153,25 @@ class Lighting:
             band.covered, band.ids, x0, y0, points, normals, prims,
         )  # fmt: skip
         run(total.clear, by_pixel(sums))
+        kept = made.parts(len(parts), height, width)
+        if parts:
+            run(total.clear, kept)
+        one = made.one(height, width) if parts else sums
+        first = 0 if self._is_shadowed else 3
         names = self._scene.prims()
         for _, light in sorted(self._scene.named_lights.items()):
             linked = np.array([is_matte(name, light.linked) for name in names], np.uint8)
             to = Receivers(
                 places=(points, normals, lighting.NO_SHAPES, prims), linked=linked,
-                own=ALL_APPEARANCES, sums=sums,
+                own=ALL_APPEARANCES, sums=one,
                 seen=made.seen(height, width) if casts and light.kind == "dome" else None,
             )  # fmt: skip
+            if parts:
+                run(total.clear, by_pixel(one))
             self._maps.shine(light, [to], casts=casts)
+            if parts:
+                part = kept[parts.index(light.group)] if light.group in parts else NO_RATIOS
+                run(light_parts.collect, one, first, sums, part)
         ratio = made.ratios(height, width) if casts else NO_RATIOS
         if casts:
             none = np.zeros(3, np.float32)
@@ -178,58 +180,60 @@ class Lighting:
         if not is_plain or self._is_shadowed:
             part = ratio if self._is_shadowed else NO_RATIOS
             run(receivers.light_surfaces, sums, part, band.albedo, band.covered, band.color)
-        if not self._wants_ratios:
-            return band
-        return replace(band, received=(ratio, prims))
+        ambient = self._settings.ambient if self._is_shadowed else 0.0
+        found = SurfaceLight(sums, dict(zip(parts, kept, strict=True)), first, ambient)
+        return replace(band, received=(ratio, prims) if casts else None, light=found)
 
     # --- splats ----------------------------------------------------------------------------
 
     def _of_splats(self) -> tuple[Gains, Gains]:
         """Return the gains of lit groups, and the ratios of all groups if they are needed."""
         lights, store = self._scene.named_lights, self._store
-        drawn = [group for group in self._layout.groups if not group.field.is_node]
-        modes = {group.slot: mode_of(group.field.spec, self._settings) for group in drawn}
-        groups = [g for g in drawn if modes[g.slot] != "captured" or self._wants_ratios]
-        numbers = _appearances(self._casters, self._layout)
-        targets = [self._target(g, numbers[g.slot]) for g in groups] if lights else []
-        self._live: set[tuple[int, str]] = set()
+        drawn, own = self._layout.groups, self._settings.self_shadows
+        modes = {group.slot: self._mode(group) for group in drawn}
+        groups = [g for g in drawn if modes[g.slot] != "captured" or self._wanted.everything]
+        targets: list[Target] = []
+        if lights:
+            targets = targets_of(self._cast, self._layout, groups, self_shadows=own)
+        wholes = list({each.whole.key: each.whole for each in targets if each.whole}.values())
+        self._live: set[tuple[Key, str]] = set()
         for path, light in sorted(lights.items()):
             self._receive(path, light, targets, casts=True)
-        slots = {target.group.slot for target in targets}
+            self._receive(path, light, wholes, casts=False)
         lit, ratios = {}, {}
         for target in targets:
             slot = target.group.slot
-            if self._wants_ratios or modes[slot] == "shadowed":
+            if self._wanted.shadow or modes[slot] == "shadowed":
                 ratios[slot] = self._gain(target, "shadowed")
             if modes[slot] != "captured":
                 lit[slot] = self._gain(target, "relit") if modes[slot] == "relit" else ratios[slot]
+                if self._wanted.parts:
+                    self.shares[slot] = self._share(target)
+            if self._wanted.irradiance:
+                self.arrivals[slot] = self._arriving(target)
         store.sums = {key: each for key, each in store.sums.items() if key in self._live}
-        store.rows = {k: each for k, each in store.rows.items() if k in slots}
-        store.estimates = {k: each for k, each in store.estimates.items() if k in slots}
-        store.gains = {k: each for k, each in store.gains.items() if k[0] in slots}
+        store.drop_others({target.key for target in (*targets, *wholes)})
         return lit, ratios
 
-    def _target(self, group: Group, appearances: list[int]) -> _Target:
-        """Return the splats of a group as receivers."""
-        surface = group.field.surface_values(None)
-        transforms = group.placements.transforms.tobytes()
-        version = group.field.shapes, surface, transforms, self._settings.self_shadows
-        return _Target(group, appearances, version)
+    def _mode(self, group: Group) -> str:
+        """Return the light of the splats of a group; of nodes, that of their tree."""
+        tree = self._scene.tree(group.field.tree) if group.field.is_node else None
+        return mode_of(tree or group.field, self._settings, self._rules)
 
     def _receive(
-        self, path: str, light: LightSpec, targets: Sequence[_Target], *, casts: bool
+        self, path: str, light: LightSpec, targets: Sequence[Target], *, casts: bool
     ) -> None:
         """Compute the sums of one light for those targets for which they are not kept."""
         stale = []
-        self._live.update((target.group.slot, path) for target in targets)
+        self._live.update((target.key, path) for target in targets)
         for target in targets:
             version = light, self._version, target.version
-            held = self._store.sums.get((target.group.slot, path))
+            held = self._store.sums.get((target.key, path))
             if held is None or held[0] != version:
                 stale.append((target, version))
         if not stale:
             return
-        placed = [(target, self._placed(target.group)) for target, _ in stale]
+        placed = [(target, self._placed(target)) for target, _ in stale]
         room = [
             self._device.resident((sum(row[0].shape[0] for row in rows), lighting.SUMS), np.float32)
             for _, rows in placed
@@ -248,12 +252,12 @@ class Lighting:
                 found.append(Receivers(places=places, linked=lighting.ONE_PRIM, own=own, sums=part))
         self._maps.shine(light, found, casts=casts)
         for (target, version), sums in zip(stale, room, strict=True):
-            self._store.sums[target.group.slot, path] = version, sums
+            self._store.sums[target.key, path] = version, sums
 
-    def _placed(self, group: Group) -> list[tuple[Any, ...]]:
+    def _placed(self, target: Target) -> list[tuple[Any, ...]]:
         """Return the receivers of each instance of a group."""
+        group, surface = target.group, target.surface
         cloud, count = group.field.spec.cloud, len(group.field.spec.cloud)
-        surface = group.field.surface_values(None)
         keep, resident = self._device.keep, self._device.resident
         found = []
         for transform in group.placements.transforms:
@@ -264,88 +268,121 @@ class Lighting:
             turn *= np.sign(np.linalg.det(linear)) or 1.0
             place = np.ascontiguousarray(transform[:3])
             self._device.run(
-                receivers.place_splats, self._rows(group), place, turn,
+                receivers.place_splats, self._rows(target), place, turn,
                 keep(cloud.positions), keep(cloud.rotations), keep(cloud.scales),
                 keep(surface.normals), keep(surface.facts), points, normals, shapes,
             )  # fmt: skip
             found.append((points, normals, shapes, lighting.NO_PRIMS))
         return found
 
-    def _rows(self, group: Group) -> I32:
+    def _rows(self, target: Target) -> I32:
         """Return the rows of a field along the Z-order curve: receivers near each other look at the
         same casters."""
-        positions = group.field.spec.cloud.positions
-        held = self._store.rows.get(group.slot)
+        positions = target.group.field.spec.cloud.positions
+        held = self._store.rows.get(target.key)
         if held is None or held[0] is not positions:
             held = positions, curve_order(self._device, positions)
-            self._store.rows[group.slot] = held
+            self._store.rows[target.key] = held
         return held[1]
 
-    def _gain(self, target: _Target, mode: str) -> GroupGains:
+    def _gain(self, target: Target, mode: str) -> GroupGains:
         """Return the gains of a group in a mode, "shadowed" or "relit"."""
-        slot, ambient = target.group.slot, self._settings.ambient
-        parts = [self._store.sums[slot, path] for path in sorted(self._scene.named_lights)]
+        device, share = self._device, self._settings.ambient
+        parts = self._shone(target)
         before = self._captured(target) if mode == "relit" else []
-        version = ambient, *(each[0] for each in parts), *(each[0] for each in before)
-        held = self._store.gains.get((slot, mode))
+        version = share, *(each[0] for each in parts), *(each[0] for each in before)
+        held = self._store.gains.get((target.key, mode))
         if held is not None and held[0] == version:
             return held[1]
-        rows = self._rows(target.group)
-        sums = summed(self._device, [each[1] for each in parts])
+        rows, sums = self._rows(target), summed(device, [each[1] for each in parts])
+        ambient = self._ambient(target, sums)
         if before:
-            captured = summed(self._device, [each[1] for each in before])
-            factors = relit_gains(self._device, sums, captured, ambient, rows)
+            captured = whole = summed(device, [each[1] for each in before])
+            if target.whole:
+                whole = summed(device, [each[1] for each in self._captured(target.whole)])
+            dim = part_of_mean(device, whole, share)
+            factors = relit_gains(device, sums, captured, ambient, dim, rows)
         else:
-            factors = shadow_gains(self._device, sums, ambient, rows)
+            factors = shadow_gains(device, sums, ambient, rows)
         gains = GroupGains(token=object(), factors=factors, is_light=mode == "relit")
-        self._store.gains[slot, mode] = version, gains
+        self._store.gains[target.key, mode] = version, gains
         return gains
+
+    def _ambient(self, target: Target, sums: Any) -> F32:
+        """Return the light that no light explains, given that of all lights on a group."""
+        if target.whole:
+            sums = summed(self._device, [each[1] for each in self._shone(target.whole)])
+        return part_of_mean(self._device, sums, self._settings.ambient)
+
+    def _share(self, target: Target) -> dict[str, Any]:
+        """Return the share of each part of light in the colours of a lit group."""
+        lights = sorted(self._scene.named_lights.items())
+        shone, names = self._shone(target), [light.group for _, light in lights]
+        version = self._settings.ambient, *names, *(each[0] for each in shone)
+        held = self._store.shares.get(target.key)
+        if held is None or held[0] != version:
+            parts: dict[str, list[Any]] = {name: [] for name in names}
+            for name, each in zip(names, shone, strict=True):
+                parts[name].append(each[1])
+            sums = summed(self._device, [each[1] for each in shone])
+            ambient, rows = self._ambient(target, sums), self._rows(target)
+            held = version, shares_of(self._device, sums, parts, ambient, rows)
+            self._store.shares[target.key] = held
+        return held[1]
+
+    def _arriving(self, target: Target) -> Any:
+        """Return the light that arrives at the splats of a group."""
+        shone = self._shone(target)
+        version = tuple(each[0] for each in shone)
+        held = self._store.arrivals.get(target.key)
+        if held is None or held[0] != version:
+            parts, rows = [each[1] for each in shone], self._rows(target)
+            held = version, arrivals_of(self._device, parts, rows)
+            self._store.arrivals[target.key] = held
+        return held[1]
+
+    def _shone(self, target: Target) -> list[tuple[Any, Any]]:
+        """Return what the sums of each light depend on, and the sums."""
+        named = sorted(self._scene.named_lights)
+        return [self._store.sums[target.key, path] for path in named]
 
     # --- light of photographs ----------------------------------------------------------------
 
-    def _captured(self, target: _Target) -> list[tuple[Any, Any]]:
+    def _captured(self, target: Target) -> list[tuple[Any, Any]]:
         """Return what the light in which a group was photographed depends on, and its sums: those
         of the lights that are named, else an estimate."""
-        slot, found = target.group.slot, []
+        found = []
         prims, labels = self._casters.prims, self._casters.labels
-        own = tuple((prims[labels[each, 0]], True) for each in target.appearances)
+        own = tuple((prims[labels[each, 0]], True) for each in target.capture.appearances)
         for path in target.group.field.spec.captured_lights:
             light = self._scene.light(path)
             if light is not None:
                 # only the capture itself stood in this light
                 alone = replace(light, casters=own)
                 key = f"captured {path}"
-                self._receive(key, alone, [target], casts=self._settings.self_shadows)
-                found.append(self._store.sums[slot, key])
+                casts = self._settings.self_shadows and not target.is_cut
+                self._receive(key, alone, [target], casts=casts)
+                found.append(self._store.sums[target.key, key])
         return found or [self._estimated(target)]
 
-    def _estimated(self, target: _Target) -> tuple[Any, Any]:
+    def _estimated(self, target: Target) -> tuple[Any, Any]:
         """Return the estimated light of photographs in the form of sums."""
-        group, version = target.group, (target.group.field.radiance, target.version)
-        held = self._store.estimates.get(group.slot)
+        whole, kept = target.capture, self._store
+        colors = whole.group.field.radiance, whole.version
+        found = kept.captured.get(whole.key)
+        if found is None or found[0] != colors:
+            spec = whole.group.field.spec
+            found = colors, estimate(spec.cloud, spec.color_space, whole.surface)
+            kept.captured[whole.key] = found
+        version = colors, target.version
+        held = kept.estimates.get(target.key)
         if held is None or held[0] != version:
-            spec, surface = group.field.spec, group.field.surface_values(None)
-            light = estimate(spec.cloud, spec.color_space, surface).light
-            rows = self._device.fetch(self._rows(group))
-            sums = np.tile(light[rows], (len(group.placements.transforms), 2))
+            light = found[1].on(target.surface)
+            rows = self._device.fetch(self._rows(target))
+            sums = np.tile(light[rows], (target.group.instances, 2))
             held = version, self._device.keep(np.ascontiguousarray(sums))
-            self._store.estimates[group.slot] = held
+            kept.estimates[target.key] = held
         return held
-
-
-def _appearances(casters: DrawList, layout: DrawList) -> dict[int, list[int]]:
-    """Return the numbers among the casters of the instances of each group, by its first slot."""
-    of_field: dict[int, list[int]] = {}
-    for group in casters.groups:
-        numbers = of_field.setdefault(id(group.field), [])
-        numbers.extend(range(group.first, group.first + len(group.placed)))
-    found = {}
-    for group in layout.groups:
-        if not group.field.is_node:
-            numbers = of_field[id(group.field)]
-            count = len(group.placed)
-            found[group.slot], of_field[id(group.field)] = numbers[:count], numbers[count:]
-    return found
 
 
 def lighting_of(
@@ -358,7 +395,6 @@ def lighting_of(
     aovs: Sequence[str],
 ) -> Lighting | None:
     """Return the light of a sample; None if nothing of the picture depends on it."""
-    if not is_needed(scene, settings, aovs):
+    if not is_needed(scene, view, settings, aovs):
         return None
-    wants = "shadow" in aovs
-    return Lighting(rasterizer, buffers, settings, scene, view, layout, wants_ratios=wants)
+    return Lighting(rasterizer, buffers, settings, scene, view, layout, LightRequest.of(aovs))

@@ -50,8 +50,7 @@ def field_gains(device: Device, scene: RenderScene, settings: RenderSettings) ->
     layout = scene.draw_list()
     view = with_catchers(scene, View(camera=CameraSpec(), framing=Framing()))
     light = Lighting(
-        open_rasterizer(device), FrameBuffers(device.resident), settings, scene, view, layout,
-        wants_ratios=False,
+        open_rasterizer(device), FrameBuffers(device.resident), settings, scene, view, layout
     )  # fmt: skip
     paths = {id(field): path for path, field, _ in scene.drawn()}
     found = {}

@@ -92,6 +92,8 @@ class LightSpec:
     """Unit vector of the shaping, in the world."""
     shaping: Shaping = Shaping()
     shadow: Shadow = Shadow()
+    group: str = "light_default"
+    """AOV of its light group."""
     is_on: bool = True
     """Whether the light is visible; a hidden one may be that of photographs."""
     linked: Rules = EVERYTHING
