@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from pxr import Sdf, Usd
@@ -24,6 +25,17 @@ from usdsplat.sim.stage.twins import twin
 from usdsplat.sim.state import Frame
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Asked:
+    """What is recorded, and where to; see `simulate`."""
+
+    target: Path
+    frames: Sequence[float] | None
+    """None takes the stage's range."""
+    existing: Existing
+    """What to do with an existing bake."""
+
+
 class Recording(ShownJob):
     """One bake of the stage in its state at the start; later edits have no effect.
 
@@ -33,8 +45,7 @@ class Recording(ShownJob):
         host: Document of the stage.
         device: Runs the kernels.
         changed: Called when status or message has changed.
-        target, frames: See `simulate`; None takes the stage's range.
-        existing: What to do with an existing bake.
+        asked: What is recorded.
         without: Identifiers of session layers to leave out.
         budget: As for `LiveLayer`.
         after: Stopped recordings to wait for, as they may still write to the same files.
@@ -46,19 +57,17 @@ class Recording(ShownJob):
         device: Device,
         changed: Callable[[], None],
         *,
-        target: Path,
-        frames: Sequence[float] | None,
-        existing: Existing,
+        asked: Asked,
         without: Sequence[str],
         budget: float | None,
         after: Sequence[Job],
     ) -> None:
         super().__init__(host, device, changed, budget=budget)
-        self.target = target
+        self.target = target = asked.target
         self.message = f"recording {target.name}"
         self.is_whole = False
         """Whether the bake has all frames that were asked for."""
-        self._frames, self._existing = frames, existing
+        self._frames, self._existing = asked.frames, asked.existing
         self._every: Sequence[float] = ()
         self._left: Sequence[float] = ()
         self._told: float | None = None

@@ -21,7 +21,7 @@ from usdsplat.delegate.live_clouds import LiveClouds
 from usdsplat.kernels.devices import open_device
 from usdsplat.preview.simulating.job import Host, Job
 from usdsplat.preview.simulating.live import LiveRun
-from usdsplat.preview.simulating.recording import Recording
+from usdsplat.preview.simulating.recording import Asked, Recording
 from usdsplat.preview.simulating.shown_job import ShownJob
 from usdsplat.preview.values import SimulationStatus
 from usdsplat.sim.stage.recipe import find_simulations
@@ -183,9 +183,7 @@ class Runner:
                 self._document,
                 self._device,
                 self._tell,
-                target=Path(path),
-                frames=frames,
-                existing=existing,
+                asked=Asked(target=Path(path), frames=frames, existing=existing),
                 without=self._live.layers if self._live else [],
                 budget=self._budget,
                 after=[each for each in self._jobs if isinstance(each, Recording)],
