@@ -177,6 +177,7 @@ def test_take_keeps_rows_together_by_mask_and_by_index() -> None:
     np.testing.assert_array_equal(swapped.ids, c.ids[[5, 2]])
     np.testing.assert_array_equal(swapped.sh, c.sh[[5, 2]])
     assert len(edit.take(c, np.zeros(40, bool))) == 0
+    assert_same(edit.take(c, slice(None, None, 20)), edit.take(c, np.array([0, 20])))
 
 
 def test_crops_keep_centres_inside_edges_included() -> None:

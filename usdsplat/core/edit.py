@@ -53,9 +53,12 @@ def overflows(before: SplatCloud, after: SplatCloud) -> bool:
     )
 
 
-def take(cloud: SplatCloud, index: npt.NDArray[np.bool_ | np.integer]) -> SplatCloud:
-    """Keep the rows of `index` in its order; it holds integers or is a mask of shape (n,)."""
+def take(cloud: SplatCloud, index: npt.NDArray[np.bool_ | np.integer] | slice) -> SplatCloud:
+    """Keep the rows of `index` in its order; it holds integers, or is a mask of shape (n,) or a
+    slice, whose arrays are views."""
     arrays = {field.name: getattr(cloud, field.name) for field in fields(cloud)}
+    if isinstance(index, slice):
+        return replace(cloud, **{k: a[index] for k, a in arrays.items() if a is not None})
     rows = np.flatnonzero(index) if index.dtype == np.bool_ else index
     # take() needs a sixth of the time of a[rows]
     return replace(cloud, **{k: a.take(rows, axis=0) for k, a in arrays.items() if a is not None})

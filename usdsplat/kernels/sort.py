@@ -137,7 +137,7 @@ def depth_order(visible, count, keys, chunks, work, histogram, between=_go_on):
     """
     bits, slots = work
     lowest, highest = take_keys(visible, count, keys, chunks, work, histogram)
-    used = max(highest - lowest, 0).bit_length()
+    used = int(max(highest - lowest, 0)).bit_length()  # a NumPy number in a simulated GPU
     passes = -(-used // DIGIT_BITS)
     width = -(-used // max(passes, 1))
     source = 0
