@@ -8,7 +8,7 @@ import pytest
 from tests.render.everything import CASES, drawn
 from tests.render.rendering import lens, random_cloud, random_transform, scene_of, view_of
 from usdsplat.core.cancel import Cancelled, CancelToken
-from usdsplat.kernels import cancellable
+from usdsplat.kernels import cancellable, sort
 from usdsplat.kernels.cancellable import CancellableCpu
 from usdsplat.kernels.device import CpuDevice
 from usdsplat.kernels.launch import Kernel
@@ -52,12 +52,14 @@ def test_parts_of_a_picture_have_the_bits_of_the_whole(small, name):
 
 
 def pictures(device, count=3):
-    """Pictures of two instances of a field of many blocks; from the second on it is ordered."""
+    """Views of two instances of a field of many blocks, which is ordered from the third on."""
     cloud = random_cloud(4, n=LEAST + BLOCK // 2)
     scene = scene_of((cloud, np.eye(4)), (cloud, random_transform(2)))
-    view, renderer = view_of(lens()), Renderer(device)
+    eye, renderer = lens(), Renderer(device)
     for k in range(count):
         settings = RenderSettings(splat_budget=0 if k else 2 * LEAST)
+        eye.world_to_camera[0, 3] = 0.1 * k
+        view = view_of(eye)
         (band,) = renderer.render(scene, view, settings, ("color", "depth"))
         yield band.arrays["color"].copy(), band.arrays["depth"].copy()
 
@@ -95,6 +97,36 @@ def test_parts_need_no_further_compiled_kernels(small):
         loops = (each for kernel in cancellable.PARTS for each in loops_of(kernel))
         forms.append([len(each.signatures) for each in loops])
     assert forms[0] == forms[1] and all(forms[0])
+
+
+def test_a_depth_sort_ends_between_its_steps():
+    """Oracle: counted: once before the sort, and before both steps of each of its three passes."""
+    count, chunks = 1000, 3
+    keys = np.random.default_rng(2).random(count, dtype=np.float32) * 1e9
+    work = np.empty((2, count), np.uint32), np.empty((2, count), np.int32)
+    histogram = np.empty((chunks, sort.DIGITS), np.int64)
+    visible = np.arange(count, dtype=np.int32)
+    token = Count()
+    device = CancellableCpu(CpuDevice(threads=1), token)
+    half = device.run(sort.depth_order, visible, count, keys, chunks, work, histogram)
+    np.testing.assert_array_equal(work[1][half], np.argsort(keys, kind="stable"))
+    assert token.asked == 7
+
+
+@pytest.mark.parametrize("rows", [1, 7, 1000])
+def test_splats_of_equal_depth_are_sorted_in_one_part(monkeypatch, rows):
+    """Oracle: the whole launch, of runs of equal keys that are longer than a part."""
+    monkeypatch.setattr(cancellable, "ROWS", rows)
+    rng = np.random.default_rng(3)
+    bits = np.sort(rng.integers(0, 40, 500).astype(np.uint32))
+    slots, sources = rng.permutation(500).astype(np.int32), rng.permutation(500).astype(np.int32)
+    firsts, found = np.array([0, 200, 350]), []
+    token = Count()
+    for device in (CpuDevice(threads=1), CancellableCpu(CpuDevice(threads=1), token)):
+        found.append(slots.copy())
+        device.run(sort.settle, bits, found[-1], 500, sources, firsts, np.empty(500, np.int64))
+    np.testing.assert_array_equal(found[1], found[0])
+    assert (found[0] != slots).any() and token.asked >= min(40, 500 // rows)
 
 
 def loops_of(kernel):

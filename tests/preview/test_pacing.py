@@ -15,6 +15,7 @@ from usdsplat.preview.pacing import (
     LONGEST_MS,
     MIDDLE_MS,
     MOVING_MS,
+    OPENING_MS,
     RESTING_MS,
     SCALES,
     SLACK,
@@ -81,6 +82,29 @@ def test_a_movement_begins_with_the_splats_of_the_last_one_if_they_nearly_fit():
         machine.draw(first, 4.0)
     slower = machine.pacer.first(machine.load)
     assert slower.splats is not None and slower.splats < first.splats
+
+
+def test_the_first_picture_of_a_movement_is_coarser_and_the_next_are_as_they_were():
+    """Oracle: the machine's own cost: less than the limit of a first picture, and then what the
+    last movement ended with, from the second picture on."""
+    machine = Machine(90.0, 20.0, Load(pixels=960 * 720, splats=1_000_000))
+    last = machine.move(5.0)[-1]
+    for _ in range(5):
+        machine.pacer.resting(None, machine.load)
+        machine.draw(FULL)
+        expected = machine.pacer.opening(machine.load)
+        first, *rest = machine.move(0.5)
+        assert first == expected
+        assert sum(machine.took(first)) <= SLACK * OPENING_MS < sum(machine.took(last))
+        assert set(rest) == {last}
+
+
+def test_a_movement_of_few_splats_begins_as_it_goes_on():
+    """Oracle: written down by hand: full pictures are quick enough to be the first."""
+    machine = Machine(20.0, 5.0)
+    machine.move(2.0)
+    machine.pacer.resting(None, machine.load)
+    assert set(machine.move(1.0)) == {FULL}
 
 
 def test_a_machine_that_is_busy_for_a_moment_does_not_make_full_pictures_look_cheap():

@@ -61,6 +61,18 @@ def test_a_part_is_kept_until_another_is_asked_for():
     assert thinning.part(10) is part
     np.testing.assert_array_equal(part.cloud.positions, cloud.positions[part.rows])
     assert set(part.rows) < set(thinning.part(20).rows)
+    assert thinning.part(10) is part  # and one that a movement begins with
+
+
+@pytest.mark.parametrize("counts", [(10, 40, 3), (40, 10, 3, 39, 60)])
+def test_parts_of_a_part_are_those_of_the_cloud(counts):
+    """Oracle: the choice among all; of weights of which most are equal to others."""
+    cloud = random_cloud(2, n=100)
+    cloud.scales[:], cloud.opacities[:] = 1.0, np.float32(np.arange(100) % 7)
+    budget = SplatBudget(cloud)
+    for count in counts:
+        rows = budget.part(count).rows
+        np.testing.assert_array_equal(rows, most_conspicuous(conspicuousness(cloud), count))
 
 
 @pytest.mark.parametrize(

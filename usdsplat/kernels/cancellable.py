@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from usdsplat.core.cancel import CancelToken
-from usdsplat.kernels import bins, blend, median, project, sort, walk
+from usdsplat.kernels import bins, blend, median, project, radiance, sort, walk
 from usdsplat.kernels.bins import TILE
 from usdsplat.kernels.device import CpuDevice
 
@@ -47,6 +47,8 @@ class CancellableCpu(CpuDevice):
         result = None
         if kernel is bins.tile_lists:
             args = *args[:-1], self._checked(args[-1])
+        elif kernel is sort.depth_order:
+            args = *args, self._cancel.check
         parts = PARTS.get(kernel)
         for part in (args,) if parts is None else parts(args, self.threads):
             self._cancel.check()
@@ -84,6 +86,32 @@ def project_parts(args: tuple[Any, ...], threads: int) -> Iterator[tuple[Any, ..
                 *(array[first:last] for array in splats), closed[these], block,
                 base + begin * block, out, found[these],
             )  # fmt: skip
+
+
+def radiance_parts(args: tuple[Any, ...], threads: int) -> Iterator[tuple[Any, ...]]:
+    """Return arguments of `radiance.radiance` for a few blocks of an instance at a time."""
+    sights, positions, sh, *how, block, base, sources, found, paints, column = args
+    most = BLOCKS * threads
+    blocks = -(-len(positions) // block)
+    for i in range(len(sights)):
+        for b in range(i * blocks, (i + 1) * blocks, most):
+            end = min(b + most, (i + 1) * blocks)
+            yield (
+                sights[i : i + 1], positions, sh, *how, block, base + b * block, sources,
+                found[b:end], paints, column,
+            )  # fmt: skip
+
+
+def settle_parts(args: tuple[Any, ...], threads: int) -> Iterator[tuple[Any, ...]]:
+    """Return arguments of `sort.settle` for some rows at a time; equal keys stay together."""
+    bits, slots, count, sources, first_slots, work = args
+    first = 0
+    while first < count:
+        last = bits[min(first + ROWS, count) - 1]
+        end = int(np.searchsorted(bits[:count], last, side="right"))
+        part = slice(first, end)
+        yield bits[part], slots[part], end - first, sources, first_slots, work[part]
+        first = end
 
 
 def gather_parts(args: tuple[Any, ...], threads: int) -> Iterator[tuple[Any, ...]]:
@@ -173,6 +201,8 @@ def _numbers(first: int, last: int) -> npt.NDArray[np.int32]:
 
 PARTS: dict[Callable[..., Any], Callable[[tuple[Any, ...], int], Iterator[tuple[Any, ...]]]] = {
     project.project: project_parts,
+    radiance.radiance: radiance_parts,
+    sort.settle: settle_parts,
     sort.gather: gather_parts,
     blend.blend: blend_parts,
     median.median: median_parts,

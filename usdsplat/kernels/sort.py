@@ -14,7 +14,7 @@ from __future__ import annotations
 import numpy as np
 from numba import prange
 
-from .jit import parallel, scalar, serial
+from .jit import launcher, parallel, scalar, serial
 from .lanes import fetch
 from .launch import kernel
 
@@ -58,17 +58,10 @@ def ordered_bits(bits):
     return np.uint32(bits ^ np.uint32(0xFFFFFFFF)) if bits & sign else np.uint32(bits | sign)
 
 
-@parallel(writes=("work", "histogram"), gpu="sort.depth_order")
-def depth_order(visible, count, keys, chunks, work, histogram):
-    """Sort slots by key, stably. Return which of the two halves of `work` holds the result.
-
-    Args:
-        visible: Slots in tie order, shape (>= count,) i32.
-        keys: Key of each slot, f32, no NaN.
-        chunks: Number of chunks of a pass; any number gives the same result.
-        work: (key bits (2, count) u32, slots (2, count) i32).
-        histogram: Scratch, shape (chunks, DIGITS) i64.
-    """
+@parallel(writes=("work", "histogram"))
+def take_keys(visible, count, keys, chunks, work, histogram):
+    """Start a sort: write the bits of the keys, and the slots, to the first half of `work`. Return
+    the lowest and the highest bits. For the arguments see `depth_order`."""
     bits, slots = work
     raw = keys.view(np.uint32)
     for t in prange(chunks):
@@ -85,38 +78,79 @@ def depth_order(visible, count, keys, chunks, work, histogram):
     lowest, highest = np.int64(0xFFFFFFFF), np.int64(0)
     for t in range(chunks):
         lowest, highest = min(lowest, histogram[t, 0]), max(highest, histogram[t, 1])
-    low, used = np.uint32(lowest), 0
-    while highest - lowest >> used > 0:
-        used += 1
-    passes = (used + DIGIT_BITS - 1) // DIGIT_BITS
-    width = (used + passes - 1) // max(passes, 1)
-    mask, digits = np.uint32((1 << width) - 1), 1 << width
+    return lowest, highest
+
+
+@parallel(writes=("histogram",))
+def count_digits(bits, count, lowest, shift, width, chunks, histogram):
+    """Find where each chunk writes its keys of each digit: those `width` bits from bit `shift`.
+
+    Args:
+        bits: Bits of the keys in their present order, shape (>= count,) u32.
+        lowest: Subtracted from them.
+        histogram: Receives the places, shape (chunks, DIGITS) i64.
+    """
+    low, mask, digits = np.uint32(lowest), np.uint32((1 << width) - 1), 1 << width
+    for t in prange(chunks):
+        row = histogram[t]
+        row[:digits] = 0
+        for k in range(count * t // chunks, count * (t + 1) // chunks):
+            row[((bits[np.uint64(k)] - low) >> np.uint32(shift)) & mask] += 1
+    total = 0
+    for d in range(digits):
+        for t in range(chunks):
+            here = histogram[t, d]
+            histogram[t, d] = total
+            total += here
+
+
+@parallel(writes=("histogram", "to_bits", "to_slots"))
+def move_by_digit(bits, slots, count, lowest, shift, width, chunks, histogram, to_bits, to_slots):
+    """Move keys and slots to their places, see `count_digits`, whose `histogram` is changed."""
+    low, mask = np.uint32(lowest), np.uint32((1 << width) - 1)
+    for t in prange(chunks):
+        row = histogram[t]
+        for k in range(count * t // chunks, count * (t + 1) // chunks):
+            key = bits[np.uint64(k)]
+            d = ((key - low) >> np.uint32(shift)) & mask
+            to = np.uint64(row[d])
+            row[d] += 1
+            to_bits[to] = key
+            to_slots[to] = slots[np.uint64(k)]
+
+
+def _go_on():
+    """Do nothing between the steps of a sort."""
+
+
+@launcher(writes=("work", "histogram"), gpu="sort.depth_order")
+def depth_order(visible, count, keys, chunks, work, histogram, between=_go_on):
+    """Sort slots by key, stably. Return which of the two halves of `work` holds the result.
+
+    Args:
+        visible: Slots in tie order, shape (>= count,) i32.
+        keys: Key of each slot, f32, no NaN.
+        chunks: Number of chunks of a pass; any number gives the same result.
+        work: (key bits (2, count) u32, slots (2, count) i32).
+        histogram: Scratch, shape (chunks, DIGITS) i64.
+        between: Called between the steps; not on a GPU.
+    """
+    bits, slots = work
+    lowest, highest = take_keys(visible, count, keys, chunks, work, histogram)
+    used = max(highest - lowest, 0).bit_length()
+    passes = -(-used // DIGIT_BITS)
+    width = -(-used // max(passes, 1))
     source = 0
     for digit in range(passes):
-        shift = np.uint32(width * digit)
-        for t in prange(chunks):
-            row, keyed = histogram[t], bits[source]
-            row[:digits] = 0
-            for k in range(count * t // chunks, count * (t + 1) // chunks):
-                row[((keyed[np.uint64(k)] - low) >> shift) & mask] += 1
-        total = 0
-        for d in range(digits):
-            for t in range(chunks):
-                here = histogram[t, d]
-                histogram[t, d] = total
-                total += here
-        for t in prange(chunks):
-            row = histogram[t]
-            keyed, held = bits[source], slots[source]
-            to_keyed, to_held = bits[1 - source], slots[1 - source]
-            for k in range(count * t // chunks, count * (t + 1) // chunks):
-                key = keyed[np.uint64(k)]
-                d = ((key - low) >> shift) & mask
-                to = np.uint64(row[d])
-                row[d] += 1
-                to_keyed[to] = key
-                to_held[to] = held[np.uint64(k)]
-        source = 1 - source
+        to, shift = 1 - source, width * digit
+        between()
+        count_digits(bits[source], count, lowest, shift, width, chunks, histogram)
+        between()
+        move_by_digit(
+            bits[source], slots[source], count, lowest, shift, width, chunks, histogram, bits[to],
+            slots[to],
+        )  # fmt: skip
+        source = to
     return source
 
 

@@ -77,7 +77,7 @@ class Drawing:
         self._reads = 0
         """Number of reads of nodes when it was begun."""
         self._prepared: tuple[Any, ...] = ()
-        """Scenes and budget for which the next movement is prepared."""
+        """Scenes and budgets for which the next movement is prepared."""
         self._changed = 0
         """Number of changes of the stage before the last picture, which may show other times."""
         self.shown: Shown | None = None
@@ -207,17 +207,19 @@ class Drawing:
     # --- private ---------------------------------------------------------------------------
 
     def _preparation(self, state: ViewState, scenes: tuple[Scene, ...]) -> tuple[Any, ...]:
-        """Return what can be prepared for a movement: scenes, and the budget of their splats."""
-        budget = self._pacer.first(_load(state, scenes)).splats
+        """Return what can be prepared for a movement: scenes, and the budgets of their splats."""
+        load = _load(state, scenes)
+        both = self._pacer.first(load).splats, self._pacer.opening(load).splats
+        budgets = tuple(dict.fromkeys(each for each in both if each is not None))
         some = tuple((each.number, each.version) for each in scenes if not each.has_trees)
-        return (some, budget) if budget is not None and some else ()
+        return (some, budgets) if budgets and some else ()
 
     def _prepare(self, state: ViewState, scenes: tuple[Scene, ...]) -> None:
-        """Choose the splats of a budget for a movement, while the view rests."""
+        """Choose the splats of the budgets of a movement, while the view rests."""
         self._prepared = self._preparation(state, scenes)
         for scene in scenes:
-            if self._prepared and not scene.has_trees:
-                scene.engine.render_scene.draw_list(self._prepared[1])
+            for budget in self._prepared[1] if self._prepared and not scene.has_trees else ():
+                scene.engine.render_scene.draw_list(budget)
 
     def _forget_closed(self) -> None:
         """Drop the last picture if its engine has been closed."""

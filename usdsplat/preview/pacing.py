@@ -30,6 +30,9 @@ STEADY = 0.2
 """Measured fraction of the pixel time that does not depend on the scale; the rest is 1 / scale."""
 MOVING_MS = 35.0
 """Time limit of a picture while the view moves."""
+OPENING_MS = 20.0
+"""Time limit of the first picture of a movement: until it is begun, the end of the full picture in
+progress is waited for."""
 RESTING_MS = 150.0
 """Time limit to draw the full picture at once when the view rests."""
 LONGEST_MS = 1500.0
@@ -152,6 +155,8 @@ class Pacer:
         """Quality during the current movement; None at rest."""
         self._last: Quality | None = None
         """Quality at the end of the last movement."""
+        self._opened: Quality | None = None
+        """Quality that the last movement began with."""
         self._easy_since: float | None = None
         self._raised_at = -math.inf
         self._patience = PATIENCE
@@ -159,7 +164,12 @@ class Pacer:
     # --- what pictures took ----------------------------------------------------------------
 
     def drew(self, quality: Quality, load: Load, *, fixed: float, rest: float) -> None:
-        """Record a picture: work per splat took `fixed`, all else `rest`."""
+        """Record a picture: work per splat took `fixed`, all else `rest`.
+
+        The first one of a movement says nothing: it is too like the next to tell what is constant.
+        """
+        if self._held is not None and quality == self._opened != self._held:
+            return
         splats, pixels = _work(quality, load)
         has_constant = not load.has_trees  # of whose levels the views are not nearly the same
         self._splats.learn(splats, fixed, has_constant=has_constant)
@@ -173,13 +183,16 @@ class Pacer:
     # --- what comes next -------------------------------------------------------------------
 
     def moving(self, now: float, load: Load) -> Quality:
-        """Return the quality of the next picture of a movement; `now` is any clock's time [s]."""
+        """Return the quality of the next picture of a movement; `now` is any clock's time [s]. The
+        first one is coarser than the next ones, so that it comes sooner."""
         choices = _choices(load)
         held = self._held
         if held is None:
             self._easy_since, self._patience, self._raised_at = None, PATIENCE, -math.inf
-            self._held = self.first(load)
-        elif held not in choices:  # the number of splats or pixels has changed
+            self._held = self._last = self.first(load)
+            self._opened = self.opening(load)
+            return self._opened
+        if held not in choices:  # the number of splats or pixels has changed
             self._held, self._easy_since = self._best(choices, MOVING_MS, load), None
         elif self.expected(held, load) > SLACK * MOVING_MS:
             self._give_up(now, held, choices, load)
@@ -205,15 +218,24 @@ class Pacer:
         return self._final(load) if shown is not None and shown.is_at_least(middle) else middle
 
     def first(self, load: Load) -> Quality:
-        """Return the quality that a movement will begin with: that of the last one if it still
+        """Return the quality that a movement will go on with: that of the last one if it still
         fits, as its splats are at hand."""
+        return self._near(self._last, MOVING_MS, load)
+
+    def opening(self, load: Load) -> Quality:
+        """Return the quality of the first picture of a movement, likewise."""
+        first, opening = self.first(load), self._near(self._opened, OPENING_MS, load)
+        return opening if first.is_at_least(opening) else first
+
+    # --- private ---------------------------------------------------------------------------
+
+    def _near(self, last: Quality | None, limit: float, load: Load) -> Quality:
+        """Return the best affordable quality, or an earlier one that differs by `NEAR` steps."""
         choices = _choices(load)
-        best, last = self._best(choices, MOVING_MS, load), self._last
+        best = self._best(choices, limit, load)
         if last not in choices or abs(choices.index(best) - choices.index(last)) > NEAR:
             return best
         return last
-
-    # --- private ---------------------------------------------------------------------------
 
     def _final(self, load: Load) -> Quality:
         """Return the quality of a picture at rest that stays."""

@@ -21,6 +21,7 @@ from usdsplat.render.lod.tree import Tree, TreeSpec
 from usdsplat.render.matte_groups import MatteGroups, matte_groups
 from usdsplat.render.scene_subject import of_scene
 from usdsplat.render.specs import CropSpec, FieldSpec, InstanceSpec, MeshSpec
+from usdsplat.render.splat_budget import KEPT
 from usdsplat.render.subject import Subject
 
 SUBJECT = 0.004
@@ -303,7 +304,7 @@ class RenderScene:
             budget: Maximum number of splats; each instance counts. 0 for all.
         """
         if budget not in self._draw_lists:
-            for other in self._draw_lists.keys() - {0}:
+            for other in [each for each in self._draw_lists if each][: 1 - KEPT]:
                 del self._draw_lists[other]  # releases its splats
             found = draw_list(self.drawn(), self.other_prims(), budget=budget)
             trees = (tree for _, tree in self.drawn_trees())

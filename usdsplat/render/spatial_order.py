@@ -20,6 +20,7 @@ from usdsplat.kernels import blocks, sort
 from usdsplat.kernels.device import Device
 from usdsplat.kernels.points.curve_order import curve_order
 from usdsplat.kernels.project import BLOCK
+from usdsplat.render.splat_budget import KEPT
 
 LEAST = 16 * BLOCK
 """Number of splats of the smallest field that is reordered."""
@@ -86,8 +87,8 @@ class _Known:
 class SpatialOrder:
     """Cache of one field's spatial order, computed when it pays.
 
-    It keeps two orders, of the last splats and of the most: a viewport draws all splats of a field
-    at rest, and those of a budget while it moves.
+    It keeps three orders, of the last splats, those before, and the most: a viewport draws all
+    splats of a field at rest, and those of two budgets while it moves.
     """
 
     def __init__(self) -> None:
@@ -110,7 +111,8 @@ class SpatialOrder:
         found = next((each for each in self._known if each not in others), None)
         most = max(others, key=lambda each: len(each.positions), default=None)
         last = found or _Known(cloud.positions)
-        self._known = [last] if most is None else [last, most]
+        before = [each for each in others if each is not most][: KEPT - 1]
+        self._known = [last, *before, *([] if most is None else [most])]
         if found is None:
             return as_it_is(cloud)
         if last.layout is None:

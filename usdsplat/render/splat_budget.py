@@ -14,6 +14,9 @@ import numpy as np
 from usdsplat.core.cloud import F32, I32, SplatCloud
 from usdsplat.core.edit import take
 
+KEPT = 2
+"""Number of subsets that are kept: a movement begins with fewer splats than it goes on with."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SplatSubset:
@@ -25,19 +28,31 @@ class SplatSubset:
 
 
 class SplatBudget:
-    """Selector of one cloud's subsets, with a cache of the last one."""
+    """Selector of one cloud's subsets, with a cache of the last ones."""
 
     def __init__(self, cloud: SplatCloud) -> None:
         self._cloud = cloud
         self._weights = conspicuousness(cloud)
-        self._last: SplatSubset | None = None
+        self._most: I32 | None = None
+        """Rows of the largest subset so far; smaller ones are chosen among them."""
+        self._last: list[SplatSubset] = []
 
     def part(self, count: int) -> SplatSubset:
         """Return the `count` most conspicuous splats; of equal ones, those with the lowest rows."""
-        if self._last is None or len(self._last.rows) != count:
-            rows = most_conspicuous(self._weights, count)
-            self._last = SplatSubset(take(self._cloud, rows), rows)
-        return self._last
+        found = next((each for each in self._last if len(each.rows) == count), None)
+        if found is None:
+            rows = self._rows(count)
+            found = SplatSubset(take(self._cloud, rows), rows)
+        self._last = [found, *(each for each in self._last if each is not found)][:KEPT]
+        return found
+
+    def _rows(self, count: int) -> I32:
+        if self._most is None or len(self._most) < count:
+            self._most = most_conspicuous(self._weights, count)
+        if len(self._most) == count:
+            return self._most
+        rows: I32 = self._most[most_conspicuous(self._weights[self._most], count)]
+        return rows
 
 
 def conspicuousness(cloud: SplatCloud) -> F32:

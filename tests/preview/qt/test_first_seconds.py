@@ -20,16 +20,20 @@ from tests.preview.qt import windows
 from tests.preview.qt.conftest import wait_until
 from tests.preview.qt.windows import LEFT, click_cell, opened, press, settled, texts
 from usdsplat import formats, procedural_capture
+from usdsplat.core.cancel import CancelToken
 from usdsplat.core.errors import UsageError
+from usdsplat.preview import pacing
+from usdsplat.preview.compiling import COMPILING
 from usdsplat.preview.document import Document
 from usdsplat.preview.opening import _Telling, open_document
 from usdsplat.preview.qt import remembered
 from usdsplat.preview.qt.empty_page import INVITATION
 from usdsplat.preview.qt.leaving import EDITED, RECORDS, losses
 from usdsplat.preview.qt.prim_model import VISIBLE
+from usdsplat.preview.qt.viewport_painting import PREPARING
 from usdsplat.preview.qt.window import Window
 from usdsplat.preview.qt.workspace import Workspace
-from usdsplat.preview.values import Busy, Event, SimulationStatus
+from usdsplat.preview.values import Busy, Event, Picture, SimulationStatus, ViewState
 
 
 @pytest.fixture
@@ -319,6 +323,39 @@ def test_reading_shows_how_much_is_read(window: Window) -> None:
     assert window.empty.note.text() == INVITATION and not window.empty.bar.isVisible()
 
 
+def test_a_first_picture_is_coarse_and_then_sharp(
+    window: Window, stage_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Oracle: the pictures that were shown, on a machine on which each would take long. Until the
+    first one, the viewport says what it waits for."""
+    monkeypatch.setattr(pacing, "RESTING_MS", 0.0)
+    monkeypatch.setattr(pacing, "MIDDLE_MS", 0.0)
+    goes_on, draw = threading.Event(), Document.draw
+
+    def held(self: Document, state: ViewState, cancel: CancelToken | None = None) -> bool:
+        goes_on.wait()
+        return draw(self, state, cancel)
+
+    monkeypatch.setattr(Document, "draw", held)
+    window.open(stage_path)
+    wait_until(lambda: window.workspace)
+    assert window.workspace is not None
+    viewport, proxy = window.workspace.viewport, window.workspace.context.proxy
+    assert viewport.waiting == PREPARING and window.workspace.isVisible()
+    before = viewport.grab().toImage()
+    proxy.busy.emit(COMPILING)
+    assert viewport.waiting == "Compiling kernels, once for this machine…"
+    assert viewport.grab().toImage() != before
+    proxy.busy.emit(Busy(what=""))
+    assert viewport.waiting == PREPARING and viewport.grab().toImage() == before
+    shown: list[Picture] = []
+    proxy.picture.connect(shown.append)
+    goes_on.set()
+    wait_until(lambda: shown and shown[-1].is_final)
+    assert shown[0].scale > 1.0 and not shown[0].is_final
+    assert (shown[-1].scale, viewport.picture) == (1.0, shown[-1])
+
+
 def test_the_bar_has_the_numbers_of_the_task(window: Window) -> None:
     """Oracle: the numbers of the events."""
     window.empty.show_busy(Busy(what="reading scan.ply", done=3, total=4))
@@ -326,6 +363,19 @@ def test_the_bar_has_the_numbers_of_the_task(window: Window) -> None:
     assert (window.empty.bar.value(), window.empty.bar.maximum()) == (3, 4)
     window.empty.show_busy(Busy(what=""))
     assert not window.empty.bar.isVisible() and window.empty.note.text() == INVITATION
+
+
+def test_the_end_of_a_task_clears_its_own_words_only(window: Window, workspace: Workspace) -> None:
+    """Oracle: the status bar, after the events of a task that compiles kernels."""
+    proxy = workspace.context.proxy
+    proxy.busy.emit(Busy(what="compiling"))
+    assert window.note == "compiling"
+    proxy.busy.emit(Busy(what=""))
+    assert window.note == ""
+    proxy.busy.emit(Busy(what="compiling"))
+    window._say_briefly("Wrote a.png")
+    proxy.busy.emit(Busy(what=""))
+    assert window.note == "Wrote a.png"
 
 
 def test_each_percent_is_told_once() -> None:

@@ -44,7 +44,7 @@ class Panel(KnobPanel):
         self.resize(400, 300)
         self.show()
         self.activateWindow()
-        assert QTest.qWaitForWindowActive(self)
+        wait_until(self.isActiveWindow)
 
 
 @pytest.fixture(autouse=True)

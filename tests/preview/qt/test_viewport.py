@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 import pytest
-from PySide6.QtCore import QEvent, QPoint, Qt
+from PySide6.QtCore import QEvent, QObject, QPoint, Qt, QTimer
 from PySide6.QtTest import QSignalSpy, QTest
-from PySide6.QtWidgets import QApplication
+from PySide6.QtWidgets import QApplication, QWidget
 
 from tests.preview.fakes import BOX
 from tests.preview.qt.bench import (
@@ -86,6 +86,51 @@ def test_many_moves_are_one_look(bench: Bench) -> None:
     wait_until(lambda: bench.session.states[-1].is_moving)
     QTest.mouseRelease(bench.viewport, LEFT, ALT, MIDDLE_OF_IT + QPoint(60, 0))
     assert not bench.session.states[-1].is_moving
+
+
+def test_a_move_of_the_view_paints_with_its_picture_only(bench: Bench) -> None:
+    """Oracle: counted paint events: a drag paints nothing anew, which would hold up the picture
+    that it asks for; that picture, the wipe and the end of the drag do."""
+    painted = Paintings(bench.viewport)
+    bench.start()
+    QTest.mousePress(bench.viewport, LEFT, ALT, MIDDLE_OF_IT)
+    painted.settle()
+    for i in range(1, 4):
+        told = len(bench.session.states)
+        bench.move(MIDDLE_OF_IT + QPoint(9 * i, 0), LEFT, ALT)
+        wait_until(lambda told=told: len(bench.session.states) > told)
+    assert painted.settle() == 0
+    bench.show()
+    assert painted.settle() == 1
+    bench.viewer.set_other(Look(aov="Z"))
+    assert painted.settle() == 1
+    bench.viewer.set_wipe(0.25)
+    assert painted.settle() == 1
+    QTest.mouseRelease(bench.viewport, LEFT, ALT, MIDDLE_OF_IT + QPoint(27, 0))
+    assert painted.settle() == 1
+
+
+class Paintings(QObject):
+    """Counts the paint events of a widget."""
+
+    def __init__(self, widget: QWidget) -> None:
+        super().__init__()
+        self._count = 0
+        self._widget = widget
+        widget.installEventFilter(self)
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        self._count += event.type() == QEvent.Type.Paint
+        return False
+
+    def settle(self) -> int:
+        """Handle all events that wait, and return how many paintings there were since."""
+        turns: list[None] = []
+        for _ in range(3):
+            QTimer.singleShot(0, lambda: turns.append(None))
+        wait_until(lambda: len(turns) == 3)
+        found, self._count = self._count, 0
+        return found
 
 
 def test_a_click_picks_and_moves_nothing(bench: Bench) -> None:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import threading
 from pathlib import Path
 
 import numpy as np
-from PySide6.QtCore import QEvent, QObject, QPoint, Qt
+import pytest
+from PySide6.QtCore import QEvent, QObject, QPoint, QPointF, Qt
+from PySide6.QtGui import QMouseEvent
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import (
     QApplication,
@@ -23,6 +26,8 @@ from usdsplat.preview.qt.keys import KEYS
 from usdsplat.preview.qt.prim_model import NAME, VISIBLE
 from usdsplat.preview.qt.window import Window
 from usdsplat.preview.qt.workspace import Workspace
+from usdsplat.preview.values import Picture
+from usdsplat.render.frame_stats import Clock
 
 
 def test_a_window_is_there_before_its_stage_and_says_what_it_reads(
@@ -272,6 +277,49 @@ def test_the_view_becomes_a_camera_of_the_stage(window: Window, workspace: Works
     workspace.context.viewer.use_camera(path)
     back = settled(workspace).camera
     assert np.allclose(back.world_to_camera, seen.world_to_camera, atol=1e-4)
+
+
+def test_a_drag_ends_the_full_picture_in_progress(
+    workspace: Workspace, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Oracle: the pictures that were shown: the full one that is held up after its first stage is
+    not among them, that of the movement is the first, and the full one of its end the last."""
+    begun, goes_on, lap = threading.Event(), threading.Event(), Clock.lap
+
+    def held(self: Clock, stage: str) -> None:
+        if not begun.is_set():
+            begun.set()
+            goes_on.wait()
+        lap(self, stage)
+
+    settled(workspace)
+    viewport, viewer = workspace.viewport, workspace.context.viewer
+    viewport._rest.setInterval(1 << 30)  # on a busy machine, the movement would be over first
+    monkeypatch.setattr(Clock, "lap", held)
+    shown: list[Picture] = []
+    workspace.context.proxy.picture.connect(shown.append)
+    viewer.face("front")
+    full = viewer.state
+    wait_until(begun.is_set)
+    middle = viewport.rect().center()
+    QTest.mousePress(viewport, LEFT, Qt.KeyboardModifier.AltModifier, middle)
+    for step in (10, 20):
+        place = QPointF(middle + QPoint(step, 0))
+        event = QMouseEvent(
+            QEvent.Type.MouseMove,
+            place,
+            viewport.mapToGlobal(place),
+            Qt.MouseButton.NoButton,
+            LEFT,
+            Qt.KeyboardModifier.AltModifier,
+        )
+        QApplication.sendEvent(viewport, event)
+    wait_until(lambda: viewer.state.is_moving)
+    goes_on.set()
+    wait_until(lambda: shown)
+    QTest.mouseRelease(viewport, LEFT, Qt.KeyboardModifier.AltModifier, middle + QPoint(20, 0))
+    assert settled(workspace) is shown[-1]
+    assert shown[0].state.is_moving and full not in [each.state for each in shown]
 
 
 def test_two_windows_do_not_influence_each_other(

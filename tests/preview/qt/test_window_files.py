@@ -32,6 +32,20 @@ from usdsplat.preview.sides import Shown
 from usdsplat.preview.values import ViewState
 
 
+@pytest.fixture
+def said(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """All that the status bar has said: on a busy machine a sentence may be over unseen."""
+    sentences: list[str] = []
+    say = Window._say
+
+    def noted(window: Window, words: str) -> None:
+        sentences.append(words)
+        say(window, words)
+
+    monkeypatch.setattr(Window, "_say", noted)
+    return sentences
+
+
 def test_the_session_layer_and_a_screenshot_are_saved(
     window: Window, workspace: Workspace, tmp_path: Path
 ) -> None:
@@ -92,7 +106,7 @@ def test_pictures_are_saved_in_a_size_of_their_own(
 
 @pytest.mark.parametrize("name", ["seen.ply", "seen.spz", "seen.usda"])
 def test_what_is_seen_is_exported(
-    window: Window, workspace: Workspace, tmp_path: Path, name: str
+    window: Window, workspace: Workspace, tmp_path: Path, said: list[str], name: str
 ) -> None:
     """Oracle: the command's own conversion of the stage with the same edit: one field is hidden in
     the session, and the time is not the first; the sentence says how many splats."""
@@ -101,7 +115,7 @@ def test_what_is_seen_is_exported(
     settled(workspace)
     press(window, "Ctrl+E")
     _save(window, tmp_path / name)
-    wait_until(lambda: f"Wrote {name}, " in window.note)
+    wait_until(lambda: any(f"Wrote {name}, " in each for each in said))
     if name.endswith(".usda"):
         stage = Usd.Stage.Open(str(tmp_path / name))
         seen = [UsdGeom.Imageable(stage.GetPrimAtPath(f"/World/{each}")) for each in "AB"]
@@ -111,7 +125,7 @@ def test_what_is_seen_is_exported(
     export_capture(stage, tmp_path / f"mine_{name}", prim_path="/World/B", time=12.0)
     ours, theirs = (formats.read(tmp_path / each).cloud for each in (name, f"mine_{name}"))
     np.testing.assert_array_equal(ours.positions, theirs.positions)
-    assert f"{len(theirs)} splats" in window.note
+    assert any(f"{len(theirs)} splats" in each for each in said)
 
 
 def test_an_export_that_fails_leaves_only_its_sentence(
@@ -137,7 +151,7 @@ def test_the_dialog_of_an_export_shows_every_format(window: Window, workspace: W
 
 
 def test_pictures_of_another_shape_have_the_view_of_the_viewport(
-    window: Window, workspace: Workspace, tmp_path: Path
+    window: Window, workspace: Workspace, tmp_path: Path, said: list[str]
 ) -> None:
     """Oracle: the view before and after: the camera that frames everything stays, in the pictures,
     which have one camera although the scene moves, and in the viewport."""
@@ -154,9 +168,9 @@ def test_pictures_of_another_shape_have_the_view_of_the_viewport(
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Document, "still", noted)
         window.saving.write_flipbook(tmp_path / "a.####.png", (1.0, 12.0), (90, 30))
-        wait_until(lambda: "and 1 more" in window.note)
+        wait_until(lambda: any("and 1 more" in each for each in said))
         window.saving.write_screenshot(tmp_path / "b.png", size=(30, 90))
-        wait_until(lambda: window.note == "Wrote b.png")
+        wait_until(lambda: "Wrote b.png" in said)
     assert len({each.camera for each in states}) == 1 and len(states) == 3
     assert isinstance(states[0].camera, FreeCamera)
     theirs = states[0].camera.spec(aspect=1.0, bounds=None).world_to_camera
@@ -165,16 +179,24 @@ def test_pictures_of_another_shape_have_the_view_of_the_viewport(
     assert settled(workspace).camera == camera
 
 
-def test_a_flipbook_of_some_frames(window: Window, workspace: Workspace, tmp_path: Path) -> None:
-    """Oracle: the names of the files."""
+def test_a_flipbook_of_some_frames(
+    window: Window, workspace: Workspace, tmp_path: Path, said: list[str]
+) -> None:
+    """Oracle: the names of the files, and Pillow's reading of their size; to replace is asked."""
+    from PIL import Image
+
     press(window, "Ctrl+Shift+F")
     dialog = window.findChild(FlipbookDialog)
-    assert QTest.qWaitForWindowActive(dialog)
+    wait_until(dialog.isActiveWindow)
     type_into(dialog.name, str(tmp_path / "a.####.png"), Qt.Key.Key_Tab)
+    type_into(dialog.size_fields.width_field, "120", Qt.Key.Key_Tab)
+    wide, high = workspace.context.viewer.state.size
     type_into(dialog.last, "3")
     wanted = [f"a.{frame:04}.png" for frame in (1, 2, 3)]
-    wait_until(lambda: sorted(path.name for path in tmp_path.iterdir()) == wanted)
-    wait_until(lambda: "and 2 more" in window.note)
+    wait_until(lambda: any("and 2 more" in each for each in said))
+    assert sorted(path.name for path in tmp_path.iterdir()) == wanted
+    sizes = {Image.open(tmp_path / each).size for each in wanted}
+    assert sizes == {(120, round(120 * high / wide))}
 
     (tmp_path / "a.0001.png").write_text("old")
     press(window, "Ctrl+Shift+F")

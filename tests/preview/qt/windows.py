@@ -37,7 +37,7 @@ def show(window: Window) -> Window:
     window.resize(1100, 700)
     window.show()
     window.activateWindow()
-    assert QTest.qWaitForWindowActive(window)
+    wait_until(window.isActiveWindow)
     return window
 
 
@@ -76,7 +76,7 @@ def image(workspace: Workspace) -> Image:
 def press(widget: QWidget, keys: str) -> None:
     """Press a key sequence such as "Ctrl+Z" in a window, which comes to the front for it."""
     widget.activateWindow()
-    assert QTest.qWaitForWindowActive(widget)
+    wait_until(widget.isActiveWindow)
     QTest.keySequence(widget, keys)
 
 

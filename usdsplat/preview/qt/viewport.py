@@ -40,9 +40,9 @@ from usdsplat.preview.qt.viewport_navigation import (
     Moves,
     notches,
 )
-from usdsplat.preview.qt.viewport_painting import Rate, Scene, paint, paint_nothing
+from usdsplat.preview.qt.viewport_painting import PREPARING, Rate, Scene, paint, paint_nothing
 from usdsplat.preview.qt.viewport_targets import Hot, Press, Targets
-from usdsplat.preview.values import Picture
+from usdsplat.preview.values import Busy, Picture
 from usdsplat.preview.viewer import Viewer
 
 REST = 80
@@ -76,6 +76,8 @@ class Viewport(QWidget):
         self.viewer = viewer
         self.picture: Picture | None = None
         """The last displayed picture."""
+        self.waiting = PREPARING
+        """What the first picture waits for."""
         self.mode: Mode | None = "translate"
         """Mode of the manipulator; None for none."""
         self.space: Space = "world"
@@ -89,6 +91,7 @@ class Viewport(QWidget):
         self._keys: set[int] = set()
         self._hot = Hot()
         self._probed: Pixel | None = None
+        self._painted_over = self._over()
         self.setAttribute(Qt.WidgetAttribute.WA_OpaquePaintEvent)
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
         self.setMouseTracking(True)
@@ -112,6 +115,11 @@ class Viewport(QWidget):
             self._rate.count(time.monotonic())
         else:
             self._rate.stop()
+        self.update()
+
+    def show_busy(self, busy: Busy) -> None:
+        """Say what the first picture waits for."""
+        self.waiting = f"{busy.what[:1].upper()}{busy.what[1:]}…" if busy.what else PREPARING
         self.update()
 
     def set_mode(self, mode: Mode | None) -> None:
@@ -170,7 +178,7 @@ class Viewport(QWidget):
     def paintEvent(self, event: QPaintEvent) -> None:
         painter, state = QPainter(self), self.viewer.state
         if self.picture is None or self.projection is None:
-            paint_nothing(painter, QRectF(self.rect()))
+            paint_nothing(painter, QRectF(self.rect()), self.waiting)
             return
         scene = Scene(
             picture=self.picture,
@@ -333,6 +341,7 @@ class Viewport(QWidget):
         self.setCursor(Qt.CursorShape.ArrowCursor)
         self.viewer.end_move()
         self._rest.stop()
+        self.update()
 
     def _pinch(self, event: QNativeGestureEvent) -> bool:
         if event.gestureType() != Qt.NativeGestureType.ZoomNativeGesture:
@@ -366,7 +375,14 @@ class Viewport(QWidget):
             self._clock.start(TICK)
         elif not self.viewer.is_ticking:
             self._clock.stop()
-        self.update()
+        before, self._painted_over = self._painted_over, self._over()
+        if self._painted_over != before:  # a moved camera shows with its picture only
+            self.update()
+
+    def _over(self) -> tuple[object, ...]:
+        """Return what is painted of the viewer itself, not of the displayed picture."""
+        state = self.viewer.state
+        return state.other is None, state.wipe, self.viewer.placement
 
     def _pixel(self, position: QPointF) -> Pixel:
         ratio = self.devicePixelRatioF()

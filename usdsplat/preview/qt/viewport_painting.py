@@ -24,6 +24,7 @@ MEMORY = 1.0
 CORNER = 46.0
 """Distance of the axes from the lower left corner [pixel of the window]."""
 BESIDE_AXES = 84.0
+PREPARING = "Preparing the first picture…"
 TOP = 34.0
 """Vertical position of the names of a comparison [pixel of the window]."""
 
@@ -80,11 +81,11 @@ class Scene:
     """Pictures per second."""
 
 
-def paint_nothing(painter: QPainter, place: QRectF) -> None:
-    """Paint a viewport without a picture."""
+def paint_nothing(painter: QPainter, place: QRectF, words: str) -> None:
+    """Paint a viewport without a picture, and what it waits for."""
     painter.fillRect(place, style.SUNK)
     painter.setPen(style.OFF)
-    painter.drawText(place, Qt.AlignmentFlag.AlignCenter, "Drop a stage or a capture here")
+    painter.drawText(place, Qt.AlignmentFlag.AlignCenter, words)
 
 
 def paint(painter: QPainter, place: QRectF, scene: Scene) -> None:

@@ -84,8 +84,8 @@ class Window(QMainWindow):
         self._pages = QStackedWidget()
         self._pages.addWidget(self.empty)
         self.setCentralWidget(above(self._pages, self.problems))
-        self._note = QLabel()
-        self._path_note = QLabel()
+        self._note, self._path_note = QLabel(), QLabel()
+        self._busy = ""
         self._path_note.setContentsMargins(0, 0, 10, 0)
         self._note.setContentsMargins(6, 0, 0, 0)
         self._path_note.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
@@ -368,7 +368,9 @@ class Window(QMainWindow):
         if not busy.what and proxy is self._pending:
             busy = Busy(what=reading)
         part = f" {100 * busy.done // busy.total} %" if busy.total else ""
-        self._say(f"{busy.what}{part}")
+        before, self._busy = self._busy, f"{busy.what}{part}"
+        if self._busy or self._note.text() == before:  # what was said since stays
+            self._say(self._busy)
         self.empty.show_busy(busy)
 
     def _say(self, words: str) -> None:

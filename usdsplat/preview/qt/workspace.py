@@ -201,6 +201,7 @@ class Workspace(QWidget):
         proxy, context = self.proxy, self.context
         proxy.picture.connect(self.viewport.show_picture)
         proxy.picture.connect(lambda picture: self._take_back())
+        proxy.busy.connect(self.viewport.show_busy)
         proxy.problem.connect(self._say)
         self.tree.frame_requested.connect(lambda path: context.viewer.frame((path,)))
         self.viewport.focus_requested.connect(self._aim)
