@@ -312,6 +312,7 @@ class Engine:
         *,
         sync: bool = True,
         cancel: CancelToken | None = None,
+        waits_for_light: bool = True,
     ) -> dict[str, Pixels]:
         """Return a whole picture; it is drawn only if it differs from the last one.
 
@@ -319,6 +320,7 @@ class Engine:
             view, settings, aovs: As for `render`.
             sync: False draws the last synced state; only motion blur and AOVs of motion read USD.
             cancel: Ends the picture after its current stage; `Cancelled` is raised.
+            waits_for_light: False shows splats in their last light, see `stats.lacks_light`.
 
         Returns:
             Pixels of the data window by AOV, read-only, shape (height, width) or, for color,
@@ -330,7 +332,10 @@ class Engine:
         settings = self._resolved(settings)
         buffers = {name: self._index.buffer(name) for name in aovs}
         draw, sampler = self._drawer.render_pass.execute, self._times(view, settings, aovs)
-        draw(view, settings, aovs, buffers, sampler=sampler, cancel=cancel)
+        draw(
+            view, settings, aovs, buffers, sampler=sampler, cancel=cancel,
+            waits_for_light=waits_for_light,
+        )  # fmt: skip
         return {name: buffer.map() for name, buffer in buffers.items()}
 
     def estimate(

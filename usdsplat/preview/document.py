@@ -21,6 +21,7 @@ from usdsplat.kernels.device import CpuDevice
 from usdsplat.preview import boxes
 from usdsplat.preview.compiling import telling
 from usdsplat.preview.display import Display
+from usdsplat.preview.drawing_progress import telling_phases
 from usdsplat.preview.drawing import Drawing
 from usdsplat.preview.scenes import Scenes
 from usdsplat.preview.sides import Shown
@@ -132,7 +133,7 @@ class Document:
             if change.structure and self.simulation is not None:
                 self.simulation.look()
             self.publish(change)
-        with telling(self.publish):
+        with telling(self.publish), telling_phases(self.publish):
             picture = self._drawing.draw(state, self.lock, self._overlays.find, cancel=cancel)
         if picture is None:
             return False

@@ -8,6 +8,9 @@ lock.
 
 A picture that is cancelled ends after its current stage; on the CPU, within long stages too.
 
+Light that takes long is computed while the view rests. Pictures before that one, and those of
+movements, show the last light.
+
 Pictures of a viewport do not wait until the nodes of splat trees are read: coarser ones are drawn
 in their place, and the picture is drawn again when some were read. Stills wait, and no budget
 limits them.
@@ -17,6 +20,7 @@ AOVs are cached, so that a change of exposure, wipe or channel needs no new draw
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections.abc import Callable, Iterable, Mapping
@@ -42,8 +46,11 @@ from usdsplat.render.memory import resident
 
 FIXED = ("project", "shade", "find ray hits", "find features", "sort")
 """Stages of the renderer whose time does not depend on the resolution."""
-ONCE = ("lay out",)
-"""Stages that only the first picture of some splats has: they count to no picture's cost."""
+ONCE = ("lay out", "light splats")
+"""Stages that only the first picture of some splats or lights has: they count to no picture's
+cost."""
+QUICK_LIGHT = 60.0
+"""Time that light may take to be computed in a movement, too [ms]."""
 
 FindOverlays = Callable[[Engine, ViewState], Overlays]
 
@@ -76,6 +83,10 @@ class Drawing:
         """Parts of nodes of splat trees that the last picture lacks."""
         self._reads = 0
         """Number of reads of nodes when it was begun."""
+        self._lacks_light = False
+        """Whether the last picture shows an earlier light."""
+        self._light_times: dict[tuple[Any, ...], float] = {}
+        """Kinds of lights and settings -> the time that their light took [ms]."""
         self._prepared: tuple[Any, ...] = ()
         """Scenes and budgets for which the next movement is prepared."""
         self._changed = 0
@@ -130,14 +141,21 @@ class Drawing:
             warnings = _told(scenes[0].engine)
             wanted = _key(state, scenes, found, warnings)
             quality = FULL if is_still else self._quality(state, wanted, scenes)
-            jobs = [job_of(state, scene, quality, waits=is_still) for scene in scenes]
+            is_same = wanted == self._wanted and self.shown is not None
+            refines = self._lacks_light and is_same and not state.is_moving
+            lights = [is_still or refines or self._is_quick(scene) for scene in scenes]
+            jobs = [
+                job_of(state, scene, quality, waits=is_still, waits_for_light=waits)
+                for scene, waits in zip(scenes, lights, strict=True)
+            ]
             reads_stage = any(job.reads_stage for job in jobs)
             reads = _reads(scenes)
             is_finer = self._missing and (is_still or reads != self._reads)
+            is_finer = is_finer or (self._lacks_light and all(lights))
             if reads_stage:
                 self._scenes.author()
             changes = self._changes()
-            is_same = wanted == self._wanted and not is_finer
+            is_same = is_same and not is_finer
             is_same = is_same and not (reads_stage and changes != self._changed)
             if is_same and self._is_shown(state, quality):
                 self._prepare(state, scenes)
@@ -145,11 +163,12 @@ class Drawing:
             synced = time.perf_counter()
             if not reads_stage:
                 holding.close()
-            self._wanted = None
+            self._wanted, before = None, self._drawn
             try:
                 with compile_time() as compiled:
                     new = self._render(jobs, cancel)
             except Cancelled:
+                self._drawn = before
                 return None
             if reads_stage:  # the engines went to other times and came back: other versions
                 scenes = self._scenes.synced(state)
@@ -162,7 +181,10 @@ class Drawing:
         ended = time.perf_counter()
         stats = [each.stats for each in self._drawn.values()]
         self._missing, self._reads = sum(each.missing for each in stats), reads
+        self._lacks_light = any(each.lacks_light for each in stats)
         milliseconds = _added(each.wall_ms for each in new)
+        if not compiled():
+            self._time_light(scenes, new)
         if len(new) == len(stats) and not compiled():
             load = _load(state, scenes)
             if self._missing:
@@ -180,8 +202,12 @@ class Drawing:
             camera=scenes[0].camera,
             number=self._number,
             scale=quality.scale,
-            is_final=quality.is_whole and not state.is_moving and not self._missing,
+            is_final=quality.is_whole
+            and not state.is_moving
+            and not self._missing
+            and not self._lacks_light,
             missing=self._missing,
+            lacks_light=self._lacks_light,
             splats=stats[0].visible,
             total=stats[0].total,
             milliseconds=milliseconds,
@@ -238,6 +264,18 @@ class Drawing:
             is_same = False  # the intermediate quality, until a picture in full will stay
         return self._pacer.resting(self.shown.quality if self.shown and is_same else None, load)
 
+    def _is_quick(self, scene: Scene) -> bool:
+        """Return whether the light of a scene takes so little time that a movement can have it."""
+        lights = scene.engine.render_scene.named_lights
+        return not lights or self._light_times.get(_of_lights(scene), math.inf) <= QUICK_LIGHT
+
+    def _time_light(self, scenes: tuple[Scene, ...], new: list[FrameStats]) -> None:
+        """Note how long light took that was computed for the only side."""
+        if len(scenes) == 1:
+            for each in new:
+                if each.light_steps:
+                    self._light_times[_of_lights(scenes[0])] = each.wall_ms["light splats"]
+
     def _is_shown(self, state: ViewState, quality: Quality) -> bool:
         """Return whether the last picture has this quality.
 
@@ -262,9 +300,13 @@ class Drawing:
         for key, (job, aovs) in asked.items():
             have = known.get(key)
             lasts = have is not None and not (job.reads_stage or have.stats.missing)
+            lasts = lasts and not (job.waits_for_light and have.stats.lacks_light)
             if have is None or not lasts or not set(aovs) <= have.arrays.keys():
                 engine = job.scene.engine
-                arrays = engine.picture(job.view, job.settings, aovs, sync=False, cancel=cancel)
+                arrays = engine.picture(
+                    job.view, job.settings, aovs, sync=False, cancel=cancel,
+                    waits_for_light=job.waits_for_light,
+                )  # fmt: skip
                 have = _Drawn(arrays, engine.stats)
                 new.append(have.stats)
             self._drawn[key] = have
@@ -321,6 +363,16 @@ def _follow(state: ViewState, scenes: tuple[Scene, ...]) -> bool:
     for scene in scenes:
         scene.engine.sync(view_of(scene, state.size, 1.0))
     return any(scene.engine.version != scene.version for scene in scenes)
+
+
+def _of_lights(scene: Scene) -> tuple[Any, ...]:
+    """Return what the time of computing light depends on: lights, settings and splats."""
+    how, lights = scene.look.settings, scene.engine.render_scene.named_lights.values()
+    return (
+        *(how.lighting, how.self_shadows, how.shadow_resolution, how.light_samples),
+        *(how.dome_samples, scene.look.aov == "shadow", scene.splats),
+        tuple(sorted(light.kind for light in lights)),
+    )
 
 
 def _levels(state: ViewState, side: Side) -> Levels | None:

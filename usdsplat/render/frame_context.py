@@ -67,6 +67,8 @@ class FrameContext:
     buffers: FrameBuffers
     stats: FrameStats
     clock: Clock
+    waits_for_light: bool = True
+    """Whether light is computed that is not kept, see `Lighting`."""
 
     def layout(self, scene: RenderScene, fade: tuple[float, float]) -> DrawList:
         """Return the splats of a sample, see `PictureNodes.layout`."""

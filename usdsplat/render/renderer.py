@@ -82,6 +82,8 @@ class _Workspace:
         holdout: ReadHoldout | None,
         nodes: PictureNodes | None,
         cancel: CancelToken | None = None,
+        *,
+        waits_for_light: bool = True,
     ) -> FrameContext:
         """Return the context of a new picture."""
         stats = FrameStats()
@@ -100,6 +102,7 @@ class _Workspace:
             buffers=self.buffers,
             stats=stats,
             clock=Clock(stats, cancel or CancelToken()),
+            waits_for_light=waits_for_light,
         )
 
 
@@ -151,6 +154,7 @@ class Renderer:
         holdout: ReadHoldout | None = None,
         band_pixels: int = BAND_PIXELS,
         cancel: CancelToken | None = None,
+        waits_for_light: bool = True,
     ) -> Iterator[Band]:
         """Draw the data window of `view`, band by band from the top.
 
@@ -161,6 +165,7 @@ class Renderer:
             holdout: External holdout that hides splats and surfaces.
             band_pixels: Approximate number of pixels of a band.
             cancel: Ends the picture after its current stage.
+            waits_for_light: Whether light is computed that is not kept, see `Lighting`.
 
         Raises:
             UsageError: If an AOV is unknown, the view has no area, or the OCIO view does not exist.
@@ -181,8 +186,9 @@ class Renderer:
             output = _output(workspace.device, settings, blend_space, view)
             nodes = nodes_of(scene, sampler or still, settings, _plan(settings, view.camera))
             frame = workspace.frame(
-                sampler or still, settings, aovs, blend_space, output, holdout, nodes, cancel
-            )
+                sampler or still, settings, aovs, blend_space, output, holdout, nodes, cancel,
+                waits_for_light=waits_for_light,
+            )  # fmt: skip
             drawn = render_frame(frame, view.camera, screen, band_pixels)
             for band in itertools.islice(drawn, taken, None):
                 frame.stats.failed, frame.stats.asked = output.failed, output.covered

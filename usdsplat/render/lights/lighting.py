@@ -9,14 +9,16 @@ and picture.
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from usdsplat.core.cancel import CancelToken
 from usdsplat.core.cloud import F32, I32
+from usdsplat.core.progress import phase
 from usdsplat.kernels import lighting, receivers, total
 from usdsplat.kernels.points.curve_order import curve_order
 from usdsplat.render.draw_list import DrawList, Group
@@ -24,7 +26,8 @@ from usdsplat.render.frame_buffers import FrameBuffers
 from usdsplat.render.group_gains import Gains, GroupGains
 from usdsplat.render.lights.captured import estimate
 from usdsplat.render.lights.gains import relit_gains, shadow_gains, summed
-from usdsplat.render.lights.light_maps import LightMaps, Maps, Receivers, by_pixel
+from usdsplat.render.lights.last_light import LastLights, light_version
+from usdsplat.render.lights.light_maps import LightMaps, Maps, Receivers, by_pixel, unnoticed
 from usdsplat.render.lights.needs import is_needed, mode_of
 from usdsplat.render.lights.specs import LightSpec
 from usdsplat.render.matte import is_matte
@@ -56,6 +59,7 @@ class LightStore:
     rows: dict[int, tuple[F32, I32]] = field(default_factory=dict)
     """First slot of a group -> the centres of its field, and their order along a curve."""
     meshes: SurfaceCache = field(default_factory=SurfaceCache)
+    last: LastLights = field(default_factory=LastLights)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,6 +80,10 @@ class Lighting:
         view: A view with all shadow catchers, see `with_catchers`.
         layout: The splats that are drawn.
         wants_ratios: Whether the AOV of shadows is drawn.
+        waits: Whether to compute the light of this scene. Else splats keep their last light, or
+            have that of the capture if there is none, and lights whose depth maps are not kept
+            shine on surfaces without shadows.
+        cancel: Ends the computation after the current sample of a light.
     """
 
     def __init__(
@@ -88,6 +96,8 @@ class Lighting:
         layout: DrawList,
         *,
         wants_ratios: bool,
+        waits: bool = True,
+        cancel: CancelToken | None = None,
     ) -> None:
         self._rasterizer, self._device = rasterizer, rasterizer.device
         self._buffers = buffers
@@ -97,24 +107,32 @@ class Lighting:
         self._settings, self._scene = settings, scene
         self._catchers = view.catchers
         self._layout, self._wants_ratios = layout, wants_ratios
+        self._waits, self._cancel = waits, cancel or CancelToken()
+        self.is_behind = False
+        """Whether something is shown without the light of this scene."""
+        self.steps = 0
+        """Samples of lights that were computed for splats."""
         # nodes of trees follow the view, so they cast no shadows
         self._casters = scene.draw_list(settings.splat_budget)
         self._version = (
             tuple((path, f.shapes, f.crops, each) for path, f, each in scene.drawn()),
             tuple((path, mesh.spec, each) for path, mesh, each in scene.drawn_meshes()),
             view.catchers,
-            (
-                settings.splat_budget, settings.shadow_resolution, settings.light_samples,
-                settings.dome_samples,
-            ),
-        )  # fmt: skip
+            (settings.shadow_resolution, settings.light_samples, settings.dome_samples),
+            settings.splat_budget,
+        )
         self._maps = LightMaps(
             rasterizer=rasterizer, settings=settings, scene=scene, casters=self._casters,
             catches=self.catches, version=self._version, kept=self._store.maps,
-            meshes=self._store.meshes,
+            meshes=self._store.meshes, draws=waits,
         )  # fmt: skip
         self._is_shadowed = settings.lighting != "captured"
-        self.gains, self.ratios = self._of_splats()
+        version = light_version(scene, settings, layout, self._version[:-1], wants_ratios)
+        if waits:
+            self.gains, self.ratios = self._of_splats()
+            self._store.last.keep(version, layout, self.gains, self.ratios)
+        else:
+            self.gains, self.ratios, self.is_behind = self._store.last.of(version, layout)
 
     @property
     def has_catchers(self) -> bool:
@@ -164,12 +182,14 @@ class Lighting:
         names = self._scene.prims()
         for _, light in sorted(self._scene.named_lights.items()):
             linked = np.array([is_matte(name, light.linked) for name in names], np.uint8)
+            shadows = casts and (self._waits or self._maps.are_kept(light))
+            self.is_behind |= casts and not shadows
             to = Receivers(
                 places=(points, normals, lighting.NO_SHAPES, prims), linked=linked,
                 own=ALL_APPEARANCES, sums=sums,
-                seen=made.seen(height, width) if casts and light.kind == "dome" else None,
+                seen=made.seen(height, width) if shadows and light.kind == "dome" else None,
             )  # fmt: skip
-            self._maps.shine(light, [to], casts=casts)
+            self._maps.shine(light, [to], casts=shadows)
         ratio = made.ratios(height, width) if casts else NO_RATIOS
         if casts:
             none = np.zeros(3, np.float32)
@@ -193,8 +213,10 @@ class Lighting:
         numbers = _appearances(self._casters, self._layout)
         targets = [self._target(g, numbers[g.slot]) for g in groups] if lights else []
         self._live: set[tuple[int, str]] = set()
-        for path, light in sorted(lights.items()):
-            self._receive(path, light, targets, casts=True)
+        todo = [(p, each, self._stale(p, each, targets)) for p, each in sorted(lights.items())]
+        self.steps = sum(self._maps.steps(light) for _, light, stale in todo if stale)
+        if self.steps:
+            self._receive_all(todo)
         slots = {target.group.slot for target in targets}
         lit, ratios = {}, {}
         for target in targets:
@@ -216,10 +238,10 @@ class Lighting:
         version = group.field.shapes, surface, transforms, self._settings.self_shadows
         return _Target(group, appearances, version)
 
-    def _receive(
-        self, path: str, light: LightSpec, targets: Sequence[_Target], *, casts: bool
-    ) -> None:
-        """Compute the sums of one light for those targets for which they are not kept."""
+    def _stale(
+        self, path: str, light: LightSpec, targets: Sequence[_Target]
+    ) -> list[tuple[_Target, Any]]:
+        """Return the targets for which the sums of a light are not kept, and their versions."""
         stale = []
         self._live.update((target.group.slot, path) for target in targets)
         for target in targets:
@@ -227,8 +249,35 @@ class Lighting:
             held = self._store.sums.get((target.group.slot, path))
             if held is None or held[0] != version:
                 stale.append((target, version))
-        if not stale:
-            return
+        return stale
+
+    def _receive_all(
+        self, todo: Sequence[tuple[str, LightSpec, list[tuple[_Target, Any]]]]
+    ) -> None:
+        """Compute the sums of all lights, as a phase that counts their samples."""
+        done = 0
+        with phase("lighting", self.steps) as work:
+
+            def step() -> None:
+                nonlocal done
+                done += 1
+                work.step(min(done, work.total))
+                self._cancel.check()
+
+            for path, light, stale in todo:
+                if stale:
+                    self._receive(path, light, stale, casts=True, step=step)
+
+    def _receive(
+        self,
+        path: str,
+        light: LightSpec,
+        stale: Sequence[tuple[_Target, Any]],
+        *,
+        casts: bool,
+        step: Callable[[], None] = unnoticed,
+    ) -> None:
+        """Compute the sums of one light, and keep them with the versions of the targets."""
         placed = [(target, self._placed(target.group)) for target, _ in stale]
         room = [
             self._device.resident((sum(row[0].shape[0] for row in rows), lighting.SUMS), np.float32)
@@ -246,7 +295,7 @@ class Lighting:
                 own = ALL_APPEARANCES if self._settings.self_shadows else appearance
                 part = sums[k * count : (k + 1) * count]
                 found.append(Receivers(places=places, linked=lighting.ONE_PRIM, own=own, sums=part))
-        self._maps.shine(light, found, casts=casts)
+        self._maps.shine(light, found, casts=casts, step=step)
         for (target, version), sums in zip(stale, room, strict=True):
             self._store.sums[target.group.slot, path] = version, sums
 
@@ -315,7 +364,9 @@ class Lighting:
                 # only the capture itself stood in this light
                 alone = replace(light, casters=own)
                 key = f"captured {path}"
-                self._receive(key, alone, [target], casts=self._settings.self_shadows)
+                stale = self._stale(key, alone, [target])
+                if stale:
+                    self._receive(key, alone, stale, casts=self._settings.self_shadows)
                 found.append(self._store.sums[slot, key])
         return found or [self._estimated(target)]
 
@@ -356,9 +407,16 @@ def lighting_of(
     view: View,
     layout: DrawList,
     aovs: Sequence[str],
+    *,
+    waits: bool = True,
+    cancel: CancelToken | None = None,
 ) -> Lighting | None:
-    """Return the light of a sample; None if nothing of the picture depends on it."""
+    """Return the light of a sample; None if nothing of the picture depends on it. See `Lighting` for
+    `waits` and `cancel`."""
     if not is_needed(scene, settings, aovs):
         return None
     wants = "shadow" in aovs
-    return Lighting(rasterizer, buffers, settings, scene, view, layout, wants_ratios=wants)
+    return Lighting(
+        rasterizer, buffers, settings, scene, view, layout, wants_ratios=wants, waits=waits,
+        cancel=cancel,
+    )  # fmt: skip
