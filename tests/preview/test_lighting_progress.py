@@ -11,7 +11,7 @@ from pxr import Gf, UsdGeom, UsdLux
 from tests.delegate.stages import add_camera, two_fields
 from tests.preview.documents import SIZE, STATE, alone
 from usdsplat.core.cancel import CancelToken
-from usdsplat.preview import drawing_progress
+from usdsplat.preview import drawing_progress, light_times
 from usdsplat.preview.document import Document
 from usdsplat.preview.session import Session
 from usdsplat.preview.values import Busy, Look, Picture
@@ -42,11 +42,11 @@ def document(events):
     made.close()
 
 
-def test_the_last_light_is_shown_until_a_new_one_is_computed(document, events):
+def test_the_last_light_is_shown_until_a_new_one_is_computed(document, events, monkeypatch):
     """Oracle: the picture of another engine with the same settings, bit for bit, in the end; before
     that one that says that it lacks its light and is not final. After the light has moved, the
     picture that does not wait has the splats of before."""
-    document._drawing._light_times.clear()
+    monkeypatch.setattr(light_times, "QUICK", -1.0)
     while document.draw(SHADOWED):
         pass
     first, last = events.pictures[0], events.pictures[-1]
@@ -54,7 +54,6 @@ def test_the_last_light_is_shown_until_a_new_one_is_computed(document, events):
     assert last.is_final and not last.lacks_light
     np.testing.assert_array_equal(last.image, alone(document.stage, settings=LIT))
     events.clear()
-    document._drawing._light_times.clear()
     document.edits.set_value("/Key.xformOp:translate", (-4.0, 2.0, 1.0))
     while document.draw(SHADOWED):
         pass
@@ -64,9 +63,9 @@ def test_the_last_light_is_shown_until_a_new_one_is_computed(document, events):
     assert (events.pictures[0].image != moved).any()
 
 
-def test_a_movement_does_not_wait_for_light(document, events):
+def test_a_movement_does_not_wait_for_light(document, events, monkeypatch):
     """Oracle: the statistics of the engine: no sample of a light was computed."""
-    document._drawing._light_times.clear()
+    monkeypatch.setattr(light_times, "QUICK", -1.0)
     document.draw(replace(SHADOWED, is_moving=True))
     assert document.engine.stats.light_steps == 0
     assert events.pictures[-1].lacks_light
@@ -74,21 +73,13 @@ def test_a_movement_does_not_wait_for_light(document, events):
 
 def test_light_that_takes_little_time_is_part_of_a_movement(document, events, monkeypatch):
     """Oracle: the same statistics, after a first light that took less than any limit."""
-    monkeypatch.setattr("usdsplat.preview.drawing.QUICK_LIGHT", 1e9)
-    monkeypatch.setattr("usdsplat.preview.drawing.Drawing._time_light", _timed)
+    monkeypatch.setattr(light_times, "QUICK", 1e9)
     while document.draw(SHADOWED):
         pass
     document.edits.set_value("/Key.xformOp:translate", (-4.0, 2.0, 1.0))
     document.draw(replace(SHADOWED, is_moving=True))
     assert not events.pictures[-1].lacks_light
     assert document.engine.stats.light_steps > 0
-
-
-def _timed(drawing, scenes, new):
-    """Note the time of a light, also of one whose kernels had to be compiled."""
-    from usdsplat.preview.drawing import _of_lights
-
-    drawing._light_times[_of_lights(scenes[0])] = 1.0
 
 
 class AfterSteps(CancelToken):
@@ -109,7 +100,7 @@ def test_samples_of_lights_are_counted_and_a_change_ends_them(document, events, 
     ones never come when the picture is cancelled, and the light is whole in the next one."""
     monkeypatch.setattr(drawing_progress, "PATIENCE", 0.0)
     monkeypatch.setattr(drawing_progress, "INTERVAL", 0.0)
-    document._drawing._light_times.clear()
+    monkeypatch.setattr(light_times, "QUICK", -1.0)
     assert document.draw(SHADOWED)
     events.clear()
     assert not document.draw(SHADOWED, AfterSteps(events, 2))

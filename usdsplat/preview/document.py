@@ -21,8 +21,8 @@ from usdsplat.kernels.device import CpuDevice
 from usdsplat.preview import boxes
 from usdsplat.preview.compiling import telling
 from usdsplat.preview.display import Display
-from usdsplat.preview.drawing_progress import telling_phases
 from usdsplat.preview.drawing import Drawing
+from usdsplat.preview.drawing_progress import telling_phases
 from usdsplat.preview.scenes import Scenes
 from usdsplat.preview.sides import Shown
 from usdsplat.preview.sources import Sources
@@ -180,6 +180,12 @@ class Document:
             found = self.engine.render_scene.seen(paths)
         box = self.bounds(paths) if found is None else None
         return found if box is None else of_box(box)
+
+    @property
+    def has_trees(self) -> bool:
+        """Whether splat trees are drawn at the current time."""
+        with self.lock:
+            return bool(self.engine.render_scene.drawn_trees())
 
     def frame_anew(self) -> None:
         """Let the default camera frame the current scene again."""

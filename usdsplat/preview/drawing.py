@@ -20,7 +20,6 @@ AOVs are cached, so that a change of exposure, wipe or channel needs no new draw
 
 from __future__ import annotations
 
-import math
 import threading
 import time
 from collections.abc import Callable, Iterable, Mapping
@@ -35,6 +34,7 @@ from usdsplat.delegate.engine import Engine
 from usdsplat.delegate.render_buffer import Pixels
 from usdsplat.kernels.compiling import compile_time
 from usdsplat.preview.display import Display, needed
+from usdsplat.preview.light_times import LightTimes
 from usdsplat.preview.overlays import Overlays
 from usdsplat.preview.pacing import FULL, Load, Pacer, Quality
 from usdsplat.preview.scenes import Scene, Scenes
@@ -49,8 +49,6 @@ FIXED = ("project", "shade", "find ray hits", "find features", "sort")
 ONCE = ("lay out", "light splats")
 """Stages that only the first picture of some splats or lights has: they count to no picture's
 cost."""
-QUICK_LIGHT = 60.0
-"""Time that light may take to be computed in a movement, too [ms]."""
 
 FindOverlays = Callable[[Engine, ViewState], Overlays]
 
@@ -85,8 +83,7 @@ class Drawing:
         """Number of reads of nodes when it was begun."""
         self._lacks_light = False
         """Whether the last picture shows an earlier light."""
-        self._light_times: dict[tuple[Any, ...], float] = {}
-        """Kinds of lights and settings -> the time that their light took [ms]."""
+        self._light_times = LightTimes()
         self._prepared: tuple[Any, ...] = ()
         """Scenes and budgets for which the next movement is prepared."""
         self._changed = 0
@@ -141,9 +138,7 @@ class Drawing:
             warnings = _told(scenes[0].engine)
             wanted = _key(state, scenes, found, warnings)
             quality = FULL if is_still else self._quality(state, wanted, scenes)
-            is_same = wanted == self._wanted and self.shown is not None
-            refines = self._lacks_light and is_same and not state.is_moving
-            lights = [is_still or refines or self._is_quick(scene) for scene in scenes]
+            lights = self._lights(state, wanted, scenes, quality, is_still=is_still)
             jobs = [
                 job_of(state, scene, quality, waits=is_still, waits_for_light=waits)
                 for scene, waits in zip(scenes, lights, strict=True)
@@ -155,7 +150,7 @@ class Drawing:
             if reads_stage:
                 self._scenes.author()
             changes = self._changes()
-            is_same = is_same and not is_finer
+            is_same = wanted == self._wanted and not is_finer
             is_same = is_same and not (reads_stage and changes != self._changed)
             if is_same and self._is_shown(state, quality):
                 self._prepare(state, scenes)
@@ -184,7 +179,7 @@ class Drawing:
         self._lacks_light = any(each.lacks_light for each in stats)
         milliseconds = _added(each.wall_ms for each in new)
         if not compiled():
-            self._time_light(scenes, new)
+            self._light_times.note(scenes, new)
         if len(new) == len(stats) and not compiled():
             load = _load(state, scenes)
             if self._missing:
@@ -264,17 +259,21 @@ class Drawing:
             is_same = False  # the intermediate quality, until a picture in full will stay
         return self._pacer.resting(self.shown.quality if self.shown and is_same else None, load)
 
-    def _is_quick(self, scene: Scene) -> bool:
-        """Return whether the light of a scene takes so little time that a movement can have it."""
-        lights = scene.engine.render_scene.named_lights
-        return not lights or self._light_times.get(_of_lights(scene), math.inf) <= QUICK_LIGHT
-
-    def _time_light(self, scenes: tuple[Scene, ...], new: list[FrameStats]) -> None:
-        """Note how long light took that was computed for the only side."""
-        if len(scenes) == 1:
-            for each in new:
-                if each.light_steps:
-                    self._light_times[_of_lights(scenes[0])] = each.wall_ms["light splats"]
+    def _lights(
+        self,
+        state: ViewState,
+        wanted: tuple[Any, ...],
+        scenes: tuple[Scene, ...],
+        quality: Quality,
+        *,
+        is_still: bool,
+    ) -> list[bool]:
+        """Return whether each side waits for its light: the last of the pictures at rest does, and
+        others if that is quick."""
+        shown = self.shown
+        is_last = self._lacks_light and wanted == self._wanted and not state.is_moving
+        is_last = is_last and shown is not None and shown.quality.is_at_least(quality)
+        return [is_still or is_last or self._light_times.is_quick(each) for each in scenes]
 
     def _is_shown(self, state: ViewState, quality: Quality) -> bool:
         """Return whether the last picture has this quality.
@@ -300,7 +299,8 @@ class Drawing:
         for key, (job, aovs) in asked.items():
             have = known.get(key)
             lasts = have is not None and not (job.reads_stage or have.stats.missing)
-            lasts = lasts and not (job.waits_for_light and have.stats.lacks_light)
+            if have is not None and have.stats.lacks_light:
+                lasts = lasts and not job.waits_for_light
             if have is None or not lasts or not set(aovs) <= have.arrays.keys():
                 engine = job.scene.engine
                 arrays = engine.picture(
@@ -363,16 +363,6 @@ def _follow(state: ViewState, scenes: tuple[Scene, ...]) -> bool:
     for scene in scenes:
         scene.engine.sync(view_of(scene, state.size, 1.0))
     return any(scene.engine.version != scene.version for scene in scenes)
-
-
-def _of_lights(scene: Scene) -> tuple[Any, ...]:
-    """Return what the time of computing light depends on: lights, settings and splats."""
-    how, lights = scene.look.settings, scene.engine.render_scene.named_lights.values()
-    return (
-        *(how.lighting, how.self_shadows, how.shadow_resolution, how.light_samples),
-        *(how.dome_samples, scene.look.aov == "shadow", scene.splats),
-        tuple(sorted(light.kind for light in lights)),
-    )
 
 
 def _levels(state: ViewState, side: Side) -> Levels | None:

@@ -24,9 +24,10 @@ class _Reports:
         self._what = ""
 
     def step(self, label: str, done: int, total: int) -> None:
-        """Publish how much is done, unless it was published just now."""
+        """Publish how much is done, unless it was published just now; work that reports no steps
+        is published when it begins."""
         now = time.monotonic()
-        if now >= self._next:
+        if now >= self._next or not total:
             self._next, self._what = now + INTERVAL, label
             self._publish(Busy(what=label, done=done, total=total, of_picture=True))
 

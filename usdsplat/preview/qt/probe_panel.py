@@ -91,6 +91,7 @@ class ProbePanel(QWidget):
         self._context.proxy.ask(histogram, answered, lambda error: done())
 
     def _pick(self, x: float, y: float, adds: bool) -> None:
+        self._context.proxy.interrupt()
         self._context.proxy.ask(
             lambda document: pick(document, x, y), partial(self._show_picked, adds)
         )
@@ -111,6 +112,7 @@ class ProbePanel(QWidget):
             kept = tuple(each for each in viewer.state.selected if adds and each not in found)
             viewer.select((*kept, *found))
 
+        self._context.proxy.interrupt()
         self._context.proxy.ask(lambda document: in_box(document, *box), answered)
 
     def show_pixel(self, found: Probed | None) -> None:

@@ -120,15 +120,27 @@ class Workspace(QWidget):
         return {
             "compare": state.other is not None,
             "hud": self.shows_hud,
-            "levels": state.look.aov == "splatId" and state.display.id_colors == "levels",
+            "levels": self.context.look.aov == "splatId" and state.display.id_colors == "levels",
             **{name: getattr(state, field) for name, field in _OVERLAYS.items()},
         }
 
     def toggle_levels(self) -> None:
-        """Colour splat trees by level, or show colour again."""
-        is_on, viewer = self.toggles["levels"], self.context.viewer
-        viewer.set_display(id_colors="ids" if is_on else "levels")
-        viewer.set_look(aov="color" if is_on else "splatId")
+        """Colour splat trees by level, or show colour again; a message says if there are none."""
+        context = self.context
+        if self.toggles["levels"]:
+            context.viewer.set_display(id_colors="ids")
+            context.set_look(aov="color")
+            return
+
+        def found(has_trees: bool) -> None:
+            if has_trees:
+                context.viewer.set_display(id_colors="levels")
+                context.set_look(aov="splatId")
+            else:
+                self.notices.say("No splat trees here")
+                context.view_changed.emit()  # takes the tick off the menu
+
+        self.proxy.ask(lambda document: document.has_trees, found)
 
     def toggle_overlay(self, name: str) -> None:
         """Show or hide bounds, wireframe or lights."""
@@ -148,8 +160,8 @@ class Workspace(QWidget):
     def next_aov(self, by: int) -> None:
         """Show the next AOV of the list."""
         names = list(AOVS)
-        place = names.index(self.context.viewer.state.look.aov)
-        self.context.viewer.set_look(aov=names[(place + by) % len(names)])
+        place = names.index(self.context.look.aov)
+        self.context.set_look(aov=names[(place + by) % len(names)])
 
     def leave(self) -> None:
         """Go back to the viewport from anywhere else; there, clear the selection."""
@@ -205,6 +217,7 @@ class Workspace(QWidget):
         proxy.problem.connect(self._say)
         self.tree.frame_requested.connect(lambda path: context.viewer.frame((path,)))
         self.viewport.focus_requested.connect(self._aim)
+        context.view_changed.connect(lambda: self.viewport.set_side(context.side))
         self.render_panel.device_chosen.connect(self.device_chosen)
 
     def _lay_out(self) -> None:

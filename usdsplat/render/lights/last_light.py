@@ -68,9 +68,7 @@ class LastLights:
 
     _kept: OrderedDict[Any, tuple[Any, list[_Lit]]] = field(default_factory=OrderedDict)
 
-    def keep(
-        self, version: tuple[Any, Any], layout: DrawList, gains: Gains, ratios: Gains
-    ) -> None:
+    def keep(self, version: tuple[Any, Any], layout: DrawList, gains: Gains, ratios: Gains) -> None:
         """Keep the light of a picture."""
         look, depends_on = version
         lit = [

@@ -15,6 +15,7 @@ from usdsplat.render.draw_list import DrawList
 from usdsplat.render.lights.cameras import LightCamera, bounds_of, cameras_of
 from usdsplat.render.lights.depth_map import DepthMap, draw_depth_map
 from usdsplat.render.lights.dome import peak_lights, smooth_light
+from usdsplat.render.lights.light_steps import unnoticed
 from usdsplat.render.lights.sampling import samples_of
 from usdsplat.render.lights.specs import LightSpec, Rules
 from usdsplat.render.matte import is_matte
@@ -35,10 +36,6 @@ Seen = tuple[tuple[Any, ...], int, Rules]
 its casters. Colours are no part of it."""
 Maps = OrderedDict[Seen, tuple[Any, DepthMap]]
 """What a light sees -> what the map depends on besides, and the map; last used last."""
-
-
-def unnoticed() -> None:
-    """Do nothing after a sample of a light."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -102,7 +99,9 @@ class LightMaps:
 
     def steps(self, light: LightSpec) -> int:
         """Return the number of cameras of a light, without those of a dome's peaks."""
-        samples = self.settings.dome_samples if light.kind == "dome" else self.settings.light_samples
+        samples = (
+            self.settings.dome_samples if light.kind == "dome" else self.settings.light_samples
+        )
         return sum(1 for _ in self._cameras(light, samples, casts=True))
 
     def are_kept(self, light: LightSpec) -> bool:
@@ -189,10 +188,13 @@ class LightMaps:
 
     def _kept(self, camera: LightCamera, light: LightSpec, resolution: int) -> DepthMap | None:
         """Return the depth map of a camera; None if it must be drawn."""
-        version, held = self.kept.get(_key(camera, light, resolution), (None, None))
-        if held is None or version == self.version:
-            return held
-        return None if self.draws or version[:-1] != self.version[:-1] else held
+        found = self.kept.get(_key(camera, light, resolution))
+        if found is None:
+            return None
+        version, held = found
+        if self.draws:
+            return held if version == self.version else None
+        return held if version[:-1] == self.version[:-1] else None
 
     def _casts(self, path: str, light: LightSpec) -> bool:
         """Return whether the prim at a path casts shadows of a light. Shadow catchers stand for

@@ -8,9 +8,8 @@ and picture.
 
 from __future__ import annotations
 
-from collections import OrderedDict
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -18,7 +17,6 @@ import numpy.typing as npt
 
 from usdsplat.core.cancel import CancelToken
 from usdsplat.core.cloud import F32, I32
-from usdsplat.core.progress import phase
 from usdsplat.kernels import lighting, receivers, total
 from usdsplat.kernels.points.curve_order import curve_order
 from usdsplat.render.draw_list import DrawList, Group
@@ -26,8 +24,10 @@ from usdsplat.render.frame_buffers import FrameBuffers
 from usdsplat.render.group_gains import Gains, GroupGains
 from usdsplat.render.lights.captured import estimate
 from usdsplat.render.lights.gains import relit_gains, shadow_gains, summed
-from usdsplat.render.lights.last_light import LastLights, light_version
-from usdsplat.render.lights.light_maps import LightMaps, Maps, Receivers, by_pixel, unnoticed
+from usdsplat.render.lights.last_light import light_version
+from usdsplat.render.lights.light_maps import LightMaps, Receivers, by_pixel
+from usdsplat.render.lights.light_steps import counted, unnoticed
+from usdsplat.render.lights.light_store import LightStore
 from usdsplat.render.lights.needs import is_needed, mode_of
 from usdsplat.render.lights.specs import LightSpec
 from usdsplat.render.matte import is_matte
@@ -36,30 +36,11 @@ from usdsplat.render.scene import RenderScene
 from usdsplat.render.screen import Screen
 from usdsplat.render.settings import RenderSettings
 from usdsplat.render.specs import View
-from usdsplat.render.surface_cache import SurfaceCache
 from usdsplat.render.surfaces import SurfaceBand
 
 ALL_APPEARANCES = -1
 NO_ROWS: I32 = np.empty(0, np.int32)
 NO_RATIOS: F32 = np.empty((0, 3), np.float32)
-
-
-@dataclass(slots=True, eq=False)
-class LightStore:
-    """What lighting keeps between pictures."""
-
-    maps: Maps = field(default_factory=OrderedDict)
-    sums: dict[tuple[int, str], tuple[Any, Any]] = field(default_factory=dict)
-    """First slot of a group and path of a light -> what the sums depend on, and the sums."""
-    estimates: dict[int, tuple[Any, Any]] = field(default_factory=dict)
-    """First slot of a group -> what the estimated light of its photographs depends on, and its
-    sums."""
-    gains: dict[tuple[int, str], tuple[Any, GroupGains]] = field(default_factory=dict)
-    """First slot of a group and mode -> what its gains depend on, and the gains."""
-    rows: dict[int, tuple[F32, I32]] = field(default_factory=dict)
-    """First slot of a group -> the centres of its field, and their order along a curve."""
-    meshes: SurfaceCache = field(default_factory=SurfaceCache)
-    last: LastLights = field(default_factory=LastLights)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -180,16 +161,19 @@ class Lighting:
         )  # fmt: skip
         run(total.clear, by_pixel(sums))
         names = self._scene.prims()
-        for _, light in sorted(self._scene.named_lights.items()):
-            linked = np.array([is_matte(name, light.linked) for name in names], np.uint8)
-            shadows = casts and (self._waits or self._maps.are_kept(light))
-            self.is_behind |= casts and not shadows
-            to = Receivers(
-                places=(points, normals, lighting.NO_SHAPES, prims), linked=linked,
-                own=ALL_APPEARANCES, sums=sums,
-                seen=made.seen(height, width) if shadows and light.kind == "dome" else None,
-            )  # fmt: skip
-            self._maps.shine(light, [to], casts=shadows)
+        lights = [light for _, light in sorted(self._scene.named_lights.items())]
+        steps = sum(map(self._maps.steps, lights)) if casts and self._waits else 0
+        with counted("lighting surfaces", steps, self._cancel) as step:
+            for light in lights:
+                linked = np.array([is_matte(name, light.linked) for name in names], np.uint8)
+                shadows = casts and (self._waits or self._maps.are_kept(light))
+                self.is_behind |= casts and not shadows
+                to = Receivers(
+                    places=(points, normals, lighting.NO_SHAPES, prims), linked=linked,
+                    own=ALL_APPEARANCES, sums=sums,
+                    seen=made.seen(height, width) if shadows and light.kind == "dome" else None,
+                )  # fmt: skip
+                self._maps.shine(light, [to], casts=shadows, step=step)
         ratio = made.ratios(height, width) if casts else NO_RATIOS
         if casts:
             none = np.zeros(3, np.float32)
@@ -215,8 +199,10 @@ class Lighting:
         self._live: set[tuple[int, str]] = set()
         todo = [(p, each, self._stale(p, each, targets)) for p, each in sorted(lights.items())]
         self.steps = sum(self._maps.steps(light) for _, light, stale in todo if stale)
-        if self.steps:
-            self._receive_all(todo)
+        with counted("lighting", self.steps, self._cancel) as step:
+            for path, light, stale in todo:
+                if stale:
+                    self._receive(path, light, stale, casts=True, step=step)
         slots = {target.group.slot for target in targets}
         lit, ratios = {}, {}
         for target in targets:
@@ -250,23 +236,6 @@ class Lighting:
             if held is None or held[0] != version:
                 stale.append((target, version))
         return stale
-
-    def _receive_all(
-        self, todo: Sequence[tuple[str, LightSpec, list[tuple[_Target, Any]]]]
-    ) -> None:
-        """Compute the sums of all lights, as a phase that counts their samples."""
-        done = 0
-        with phase("lighting", self.steps) as work:
-
-            def step() -> None:
-                nonlocal done
-                done += 1
-                work.step(min(done, work.total))
-                self._cancel.check()
-
-            for path, light, stale in todo:
-                if stale:
-                    self._receive(path, light, stale, casts=True, step=step)
 
     def _receive(
         self,
@@ -411,8 +380,7 @@ def lighting_of(
     waits: bool = True,
     cancel: CancelToken | None = None,
 ) -> Lighting | None:
-    """Return the light of a sample; None if nothing of the picture depends on it. See `Lighting` for
-    `waits` and `cancel`."""
+    """Return the light of a sample, see `Lighting`; None if the picture does not depend on it."""
     if not is_needed(scene, settings, aovs):
         return None
     wants = "shadow" in aovs
