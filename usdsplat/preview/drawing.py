@@ -39,6 +39,7 @@ from usdsplat.preview.overlays import Overlays
 from usdsplat.preview.pacing import FULL, Load, Pacer, Quality
 from usdsplat.preview.scenes import Scene, Scenes
 from usdsplat.preview.sides import Job, Shown, Side, cut_of, job_of, view_of
+from usdsplat.preview.told import told
 from usdsplat.preview.tree_levels import Levels
 from usdsplat.preview.values import Image, Picture, ViewState
 from usdsplat.render.frame_stats import FrameStats
@@ -135,7 +136,7 @@ class Drawing:
             finally:
                 self._forget_closed()
             found = overlays(scenes[0].engine, state)
-            warnings = _told(scenes[0].engine)
+            warnings = told(scenes)
             wanted = _key(state, scenes, found, warnings)
             quality = FULL if is_still else self._quality(state, wanted, scenes)
             lights = self._lights(state, wanted, scenes, quality, is_still=is_still)
@@ -208,6 +209,7 @@ class Drawing:
             milliseconds=milliseconds,
             megabytes=1e-6 * resident(),
             device=scenes[0].engine.device,
+            lights=len(scenes[0].engine.render_scene.named_lights),
             boxes=found.boxes,
             overlays=found,
             warnings=warnings,
@@ -350,12 +352,6 @@ def _key(
 ) -> tuple[Any, ...]:
     """Return what a picture shows, in whatever quality."""
     return replace(state, is_moving=False), *(each.place for each in scenes), found, warnings
-
-
-def _told(engine: Engine) -> tuple[str, ...]:
-    """Return what the stage asks for and does not get, and a problem of a GPU, as sentences."""
-    told = tuple(found.told for found in engine.findings)
-    return (engine.remark, *told) if engine.remark else told
 
 
 def _follow(state: ViewState, scenes: tuple[Scene, ...]) -> bool:

@@ -37,6 +37,8 @@ class Editor:
     """Value if nothing is authored."""
     none_label: str = ""
     """Meaning of None, such as "unlimited"; "" for a value that is never None."""
+    zero_label: str = ""
+    """Meaning of 0, such as "all"; "" for a number like others."""
     minimum: float | None = None
     """Minimum, for each element of a vector; None for no limit."""
     maximum: float | None = None
@@ -113,6 +115,7 @@ _WORDS = {
     "sh": "SH",
     "usd": "USD",
     "color": "colour",
+    "colors": "colours",
     "colormap": "colour map",
     "neighbors": "neighbours",
     "rasterize": "rasterise",

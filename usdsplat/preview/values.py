@@ -119,6 +119,8 @@ class Picture:
     megabytes: float = 0.0
     """Memory of the process [MB]; 0 if the system does not report it."""
     device: str = "cpu"
+    lights: int = 0
+    """Number of lights that shine on the stage."""
     boxes: tuple[Corners, ...] = ()
     """Boxes of the selected prims that have one, in the order of `state.selected`."""
     overlays: Overlays = field(default_factory=Overlays)

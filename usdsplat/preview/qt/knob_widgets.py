@@ -95,6 +95,7 @@ class NumberWidget(ValueWidget):
             unit=editor.unit,
             step=editor.step,
             none_label=editor.none_label,
+            zero_label=editor.zero_label,
         )
         self._field.setFixedWidth(FIELD)
         self._field.entered.connect(lambda value: self.changed.emit(value, ""))

@@ -20,6 +20,7 @@ class NumberField(QLineEdit):
         unit: Unit, shown while nothing is typed.
         step: Step of an arrow key; with Shift ten times that, with Ctrl a tenth.
         none_label: Meaning of an empty field; "" if a number is required.
+        zero_label: Shown in place of 0 while nothing is typed; "" for the number.
     """
 
     entered = Signal(object)
@@ -35,6 +36,7 @@ class NumberField(QLineEdit):
         unit: str = "",
         step: float = 1.0,
         none_label: str = "",
+        zero_label: str = "",
         parent: QWidget | None = None,
     ) -> None:
         super().__init__(parent)
@@ -43,6 +45,7 @@ class NumberField(QLineEdit):
         self._unit = unit
         self._step = step
         self._none_label = none_label
+        self._zero_label = zero_label
         self._value: float | None = None
         self.setFont(style.digits())
         self.setAlignment(Qt.AlignmentFlag.AlignRight)
@@ -91,6 +94,9 @@ class NumberField(QLineEdit):
 
     def _write(self) -> None:
         text = "" if self._value is None else number_text(self._value)
+        if self._zero_label and self._value == 0 and not self.hasFocus():
+            self.setText(self._zero_label)
+            return
         if text and self._unit and not self.hasFocus():
             longer = f"{text} {self._unit}"
             if self.fontMetrics().horizontalAdvance(longer) < self.width() - 14:

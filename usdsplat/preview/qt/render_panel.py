@@ -11,6 +11,7 @@ from PySide6.QtWidgets import (
     QHBoxLayout,
     QLabel,
     QScrollArea,
+    QSizePolicy,
     QTabBar,
     QVBoxLayout,
     QWidget,
@@ -19,6 +20,7 @@ from PySide6.QtWidgets import (
 from usdsplat.images.aovs import AOVS
 from usdsplat.preview.knob_model import Editor, editors_of
 from usdsplat.preview.qt import style
+from usdsplat.preview.qt.adding_lights import LightOffer
 from usdsplat.preview.qt.knob_panel import KnobPanel
 from usdsplat.preview.qt.knob_widgets import CalmComboBox, TickBox
 from usdsplat.preview.qt.number_field import NumberField
@@ -85,6 +87,8 @@ class RenderPanel(QWidget):
         )
         self.used_device = QLabel()
         self.used_device.setProperty("role", "quiet")
+        self.used_device.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
+        self.lights = LightOffer(context)
         self.settings = KnobPanel()
         self.settings.changed.connect(self._set_setting)
         self.settings.refused.connect(context.complain)
@@ -143,6 +147,7 @@ class RenderPanel(QWidget):
         outer.setSpacing(4)
         outer.addLayout(_line("", self.compare))
         outer.addWidget(self.side)
+        outer.addWidget(self.lights)
         outer.addWidget(scrolling(body), 1)
 
     def _toggle_time(self, is_on: bool) -> None:
@@ -161,7 +166,7 @@ class RenderPanel(QWidget):
         self.follow()
 
     def _show_device(self, picture: Picture) -> None:
-        self.used_device.setText(f"draws on {picture.device}")
+        self.used_device.setText(f"on {picture.device}")
 
 
 def scrolling(body: QWidget) -> QScrollArea:

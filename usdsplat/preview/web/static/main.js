@@ -13,7 +13,7 @@ const at = (id) => document.getElementById(id);
 const FREE = "free camera";
 const ALL = "frame everything";
 
-const SMALL = matchMedia("(max-width: 760px)"); // as in style.css
+const SMALL = matchMedia("(max-width: 760px), (max-height: 480px)"); // as in style.css
 
 const send = (type, members) => connection.send(type, members);
 showPanels(!SMALL.matches); // before the viewport is measured
@@ -195,14 +195,25 @@ function showParameters(prims) {
   for (const prim of prims) parameters.get(prim.path).show(prim.editors);
 }
 
+/** Names of picked values, as in the window. */
+const WORDS = {
+  path: "Prim", kind: "Kind", instance: "Instance", position: "Seen at", id: "Id", center: "Centre",
+  world_center: "In the world", scales: "Scales", rotation: "Rotation wxyz", opacity: "Opacity",
+  color: "Colour", sh_degree: "SH degree",
+};
+
 function showPicked(picked) {
+  if (at("panels").hidden) heard.said(picked === null ? "Nothing is there." : picked.path);
   if (picked === null) {
     at("picked").replaceChildren(made("p", { className: "quiet", textContent: "Nothing is there." }));
     return;
   }
   const list = made("dl");
+  const own = picked.splat?.id === picked.element; // the id of a splat without one is its row
   for (const [name, value] of flat(picked)) {
-    list.append(made("dt", { textContent: name.replaceAll("_", " ") }), made("dd", { textContent: value }));
+    if ((name === "id" && own) || (name === "instance" && !picked.instance)) continue;
+    const word = name === "element" ? (picked.splat ? "Splat" : "Face") : WORDS[name];
+    list.append(made("dt", { textContent: word }), made("dd", { textContent: value }));
   }
   at("picked").replaceChildren(list);
 }
