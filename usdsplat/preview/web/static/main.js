@@ -91,13 +91,14 @@ const heard = {
     at("problem").firstElementChild.textContent = sentence;
   },
   busy(what) {
+    at("busy").dataset.busy = what;
     at("busy").hidden = !what;
     at("busy").textContent = what;
   },
   said(sentence) {
     at("busy").hidden = false;
     at("busy").textContent = sentence;
-    setTimeout(() => { if (at("busy").textContent === sentence) at("busy").hidden = true; }, 3000);
+    setTimeout(() => { if (at("busy").textContent === sentence) heard.busy(at("busy").dataset.busy ?? ""); }, 3000);
   },
   seats: showSeats,
   watching() { // answers an action that only the driving page may do
@@ -169,7 +170,7 @@ function showHud(header) {
   const { total, ...stages } = header.milliseconds;
   const reading = header.missing ? ` · reading ${count(header.missing)} nodes` : "";
   at("counts").textContent = `${count(header.splats)} of ${count(header.total)} splats${reading}`;
-  const quality = header.is_final ? "full" : header.is_sharp ? "sharp" : header.scale > 1 ? `1 : ${short(header.scale)}` : "coarse";
+  const quality = header.lacks_light ? "last light" : header.is_final ? "full" : header.is_sharp ? "sharp" : header.scale > 1 ? `1 : ${short(header.scale)}` : "coarse";
   const size = ` · ${header.width} × ${header.height}, ${quality}`;
   const rate = viewport.rate ? ` · ${viewport.rate.toFixed(0)} fps` : "";
   at("speed").textContent = `${(total ?? 0).toFixed(0)} ms${rate}${size}`;
