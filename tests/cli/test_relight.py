@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import re
 from pathlib import Path
@@ -17,6 +18,7 @@ from usdsplat import schema
 from usdsplat.core.cloud import SplatCloud
 from usdsplat.delegate.engine import Engine
 from usdsplat.images.color import decode
+from usdsplat.render.frame_buffers import FrameBuffers
 from usdsplat.render.settings import RenderSettings
 from usdsplat.render.specs import Framing
 
@@ -235,6 +237,21 @@ def test_fields_with_samples_get_the_same_samples(run_json, shot, tmp_path):
     )
     assert layer.ListTimeSamplesForPath(attribute.path) == [1.0, 3.0]
     assert colors(target, 3.0)[:, 0].mean() > colors(target, 1.0)[:, 0].mean() + 0.2
+
+
+def test_buffers_of_a_sample_do_not_wait_for_garbage_to_be_collected(run_json, shot, tmp_path):
+    """Oracle: no object of the renderer is left, although nothing is collected: buffers of light
+    take hundreds of megabytes."""
+    path = shot(times=(1.0, 3.0))
+    gc.collect()
+    before = sum(isinstance(each, FrameBuffers) for each in gc.get_objects())
+    gc.disable()
+    try:
+        run_json("relight", path, "-o", tmp_path / "relit.usda", *FAST)
+        after = sum(isinstance(each, FrameBuffers) for each in gc.get_objects())
+    finally:
+        gc.enable()
+    assert after == before
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from usdsplat.core.errors import UsageError
 from usdsplat.images.frame_numbers import parse_frames
-from usdsplat.jobs.frames import chunk_texts, render_job
+from usdsplat.jobs.frames import chunk_texts, render_job, shared_out
 from usdsplat.jobs.job import Job, Parameter, Slot, Step
 from usdsplat.products.tiles import Tiling
 
@@ -56,6 +56,22 @@ def test_chunks_are_the_frames_in_their_order(frames, chunk):
     texts = chunk_texts(frames, chunk)
     assert [frame for text in texts for frame in parse_frames(text)] == frames
     assert all(len(parse_frames(text)) <= chunk for text in texts)
+
+
+@settings(suppress_health_check=[HealthCheck.too_slow])  # of a busy machine
+@given(st.integers(1, 400), st.integers(1, 9))
+def test_workers_end_at_nearly_the_same_time(count, workers):
+    """Oracle: workers that take a time of 1 for each frame, and take the next task when they have
+    ended one: all end within the time of a frame, but where frames are few, and none takes a task
+    that is longer than an eighth of its share, rounded up."""
+    frames = tuple(map(float, range(count)))
+    parts = shared_out(frames, workers)
+    assert tuple(frame for part in parts for frame in part) == frames
+    assert max(map(len, parts)) <= -(-count // (8 * workers))
+    ends = [0] * workers
+    for part in parts:
+        ends[ends.index(min(ends))] += len(part)
+    assert max(ends) - min(ends) <= 1
 
 
 def test_a_chunk_has_a_frame():

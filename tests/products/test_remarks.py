@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import OpenImageIO as oiio
 import pytest
-from pxr import Sdf, Usd, UsdGeom, UsdLux
+from pxr import Sdf, Usd, UsdGeom, UsdLux, UsdRender
 
 from tests.cli.test_render import SMALL
+from tests.delegate.tree_stages import tree_stage
 from usdsplat import procedural_capture, schema
 
 pytestmark = pytest.mark.usefixtures("compiled")
@@ -69,6 +70,22 @@ def test_shadows_of_a_stage_without_lights_are_a_finding(run, shot, tmp_path):
     assert "[no-lights]" not in run("render", shot, *output, "--lighting", "shadowed")[2]
 
 
+def test_a_relit_tree_has_the_notes_of_a_field(run, tmp_path):
+    """Oracle: one line on its estimated light; none in shadows, or with a light that is named."""
+    stage, _ = tree_stage(tmp_path)
+    UsdLux.DistantLight.Define(stage, "/World/Sun")
+    stage.Save()
+    shot = tmp_path / "tree.usda"
+    output = ("-o", tmp_path / "a.exr", *SMALL)
+    assert run("render", shot, *output, "--lighting", "shadowed")[2] == ""
+    status, _, err = run("render", shot, *output, "--lighting", "relit")
+    assert status == 0 and err.count("[estimated-light] /World/Tree") == 1
+    prim = stage.GetPrimAtPath("/World/Tree")
+    prim.CreateRelationship("splat:lighting:captured").SetTargets(["/World/Sun"])
+    stage.Save()
+    assert run("render", shot, *output, "--lighting", "relit")[2] == ""
+
+
 def test_a_light_of_photographs_inside_an_instance_is_a_finding(run, tmp_path):
     """Oracle: one line on two instances; none on one, or without relighting."""
     shot = tmp_path / "shot.usda"
@@ -100,3 +117,34 @@ def test_a_catcher_must_be_a_prim(run, shot, tmp_path):
     assert run("render", shot, *output, "--catcher", "/World/Ball")[0] == 0
     pixels = oiio.ImageBuf(str(tmp_path / "a.exr")).get_pixels(oiio.FLOAT)
     assert not pixels[..., :4].any() and (pixels[..., 4:] == 1).all()
+
+
+def test_a_collection_of_the_settings_relights_one_field(run, shot, tmp_path):
+    """Oracle: the finding names that field alone; instances in two collections are a finding."""
+    output = ("-o", tmp_path / "a.exr", *SMALL)
+
+    def edit(stage):
+        UsdLux.DistantLight.Define(stage, "/World/Sun")
+        for name in ("One", "Two"):
+            prim = stage.DefinePrim(f"/World/{name}")
+            prim.GetReferences().AddInternalReference("/World/Ball")
+        settings = UsdRender.Settings.Define(stage, "/Render/Settings")
+        product = UsdRender.Product.Define(stage, "/Render/Product")
+        settings.CreateProductsRel().SetTargets([product.GetPath()])
+        relit = Usd.CollectionAPI.Apply(settings.GetPrim(), "lightRelit")
+        relit.CreateIncludesRel().SetTargets(["/World/One"])
+
+    change(shot, edit)
+    err = run("render", shot, *output)[2]
+    assert err.count("[estimated-light]") == err.count("[estimated-light] /World/One") == 1
+
+    def instance(stage):
+        for name in ("One", "Two"):
+            prim = stage.GetPrimAtPath(f"/World/{name}")
+            prim.GetReferences().SetReferences([Sdf.Reference(primPath="/Source")])
+            prim.SetInstanceable(True)
+        stage.DefinePrim("/Source/Splats").GetReferences().AddInternalReference("/World/Ball")
+
+    change(shot, instance)
+    err = run("render", shot, *output)[2]
+    assert err.count("[split-lighting]") == 1 and "captured and relit" in err

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from usdsplat.cli import bundles
 from usdsplat.cli.convert_options import Options
 from usdsplat.cli.edit_flags import EditFlags, words_of_edits
-from usdsplat.cli.job_options import COLD, TURNS, JobOptions, JobRunner, environments, of_task
+from usdsplat.cli.job_options import COLD, JobOptions, JobRunner, environments, of_task
 from usdsplat.cli.reporting import Reporter, ReportingOptions
 from usdsplat.cli.words import words_of
 from usdsplat.core.errors import UsageError
@@ -75,10 +75,11 @@ def run_as_job(
             return None
         for folder in {path.parent for path in frame_paths(Path(target), found)}:
             check_folder(folder)
-        chunk = options.job.chunk or max(1, len(found) // (len(runner) * TURNS))
         files = (options.source, *options.others)
         task = _task(options, files, of_task(options.reporting), json=True)
-        return _joined(options, target, list(runner.run(_job(task, found, chunk))))
+        return _joined(
+            options, target, list(runner.run(_job(task, found, options.job.chunk, len(runner))))
+        )
 
 
 def _task(
@@ -98,10 +99,12 @@ def _task(
     return ("convert", *words_of(plain), *words_of_edits(options.edit))
 
 
-def _job(command: tuple[str, ...], frames: Sequence[float], chunk: int) -> Job:
+def _job(
+    command: tuple[str, ...], frames: Sequence[float], chunk: int | None, workers: int = 1
+) -> Job:
     from usdsplat.jobs.frames import frames_job
 
-    return frames_job(command, frames, name="convert", chunk=chunk)
+    return frames_job(command, frames, name="convert", chunk=chunk, workers=workers)
 
 
 def _write_bundle(

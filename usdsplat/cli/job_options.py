@@ -6,7 +6,7 @@ import json
 import math
 import os
 import shlex
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, fields
 from importlib.util import find_spec
@@ -19,22 +19,20 @@ from usdsplat.cli.reporting import Reporter, ReportingOptions
 from usdsplat.core import interrupt
 from usdsplat.core.errors import JobError, StrictError, UsageError
 from usdsplat.core.wording import counted
+from usdsplat.jobs.local import GPUS
 
 if TYPE_CHECKING:
+    from usdsplat.core.findings import Findings
     from usdsplat.jobs.dask_cluster import DaskWorkers
     from usdsplat.jobs.job import Job
     from usdsplat.jobs.local import LocalWorkers
     from usdsplat.jobs.outcome import Outcome
 
 AUTO = "auto"
-GPUS = "CUDA_VISIBLE_DEVICES"
-"""Variable with the GPUs that a process may use."""
 FORM = "NAME=N,... with numbers above 0, each name once"
 """Form of --resources."""
 COLD = 24
 """Default of --chunk for a farm [frame]. Each task there opens its input anew, so it has many."""
-TURNS = 8
-"""Number of tasks of each process, from which the default of --chunk follows otherwise."""
 USUAL_MEMORY = 1 << 30
 """Memory that a process is expected to take where no limit is given [byte]."""
 
@@ -52,7 +50,7 @@ class JobOptions:
     openjd: Annotated[Path | None, option("FOLDER", excludes="--jobs")] = None
     """write the tasks as an Open Job Description bundle, and run nothing"""
     chunk: Annotated[int | None, option("N")] = None
-    """frames of a task; default: as many as keep the processes busy"""
+    """frames of a task; default: as many as keep the processes busy, fewer towards the end"""
     retries: Annotated[int, option("N")] = 1
     """how often a task that fails is tried again"""
     resources: Annotated[str | None, option("NAME=N,...")] = None
@@ -229,14 +227,22 @@ class JobRunner:
         """Return the number of workers; 0 if a farm runs the tasks."""
         return 0 if self._workers is None else len(self._workers)
 
-    def run(self, job: Job) -> Iterator[dict[str, Any]]:
+    def run(
+        self, job: Job, *, findings: Findings | None = None
+    ) -> Generator[dict[str, Any], None, None]:
         """Run a job, print the findings of its tasks, and yield the JSON objects that they print.
+        Closing the iterator ends the job.
+
+        Args:
+            job: The job.
+            findings: Receives the findings instead of those of the command, which prints them.
 
         Raises:
             JobError: After all others have ended, if a task failed.
         """
         from usdsplat.core.findings import Finding
 
+        told = self._reporter.findings if findings is None else findings
         total = len(job.tasks())
         failed: list[Outcome] = []
         label = f"{job.name}, task"
@@ -253,7 +259,7 @@ class JobRunner:
                     continue
                 printed = json.loads(outcome.result.out)
                 found = (Finding(**each) for each in printed.pop("findings"))
-                self._reporter.findings.extend(found)
+                told.extend(found)
                 yield printed
         if failed and all(each.result is None or each.result.status == 1 for each in failed):
             raise StrictError("--strict", f"findings in {job.name}", "none; nothing is written")

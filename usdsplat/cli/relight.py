@@ -5,6 +5,9 @@ examples:
       all splat fields, which were photographed in the light of set.exr, under the shot's lights
   usdsplat relight shot.usda -o relit.usdc --prim /World/Statue
       only this field; the light of its photographs is estimated from its colours
+  usdsplat relight shot.usda -o relit.usdc --jobs 2
+      fields with time samples by two processes of this machine; --dask tcp://host:8786 uses a
+      cluster, and --openjd FOLDER writes a bundle for a farm
 
 notes:
   The result is a layer of harmonics over STAGE, which is not changed. All renderers that draw
@@ -18,89 +21,143 @@ notes:
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from contextlib import contextmanager
+from dataclasses import asdict
+from functools import cache
+from typing import TYPE_CHECKING
 
 from usdsplat.cli import console
-from usdsplat.cli.arguments import flags_of, given, option, positional
-from usdsplat.cli.reporting import Reporter, ReportingOptions
-from usdsplat.cli.stage_options import StageOptions
-from usdsplat.core.errors import UsageError
+from usdsplat.cli.arguments import given
+from usdsplat.cli.job_options import check_jobs
+from usdsplat.cli.relight_job import CUDA, check_job, run_tasks, runner_of, write_bundle
+from usdsplat.cli.relight_options import Options
+from usdsplat.cli.reporting import Reporter
+from usdsplat.cli.values import time_code
+from usdsplat.core.errors import StageError, StrictError, UsageError
+from usdsplat.core.folders import made_folder
 from usdsplat.core.knobs import checked
+from usdsplat.core.part import Part
 from usdsplat.core.text import shown
 from usdsplat.core.wording import counted
 from usdsplat.render.settings import RenderSettings
 
 if TYPE_CHECKING:
-    from usdsplat.products.relighting import RelightReport
+    from collections.abc import Iterator
 
+    from usdsplat.core.progress import Progress
+    from usdsplat.kernels.device import Device
+    from usdsplat.products.lit_times import LitFolder
+    from usdsplat.products.relighting import Relighting, RelightReport
 
-_Light: Any = flags_of(
-    RenderSettings,
-    ("ambient", "self_shadows", "shadow_resolution", "light_samples", "dome_samples"),
-    about="Light and shadows.",
-)
+__all__ = ["Options", "run"]
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Options:
-    """Arguments of `usdsplat relight`."""
-
-    stage: Annotated[Path, positional("STAGE")]
-    """stage with splat fields and lights"""
-    output: Annotated[Path, option("FILE", short="-o")]
-    """layer to write, .usda, .usdc or .usd"""
-    captured_hdri: Annotated[Path | None, option("FILE")] = None
-    """latlong picture of the light in which fields were photographed that name no lights"""
-    prim: Annotated[tuple[str, ...], option("/PRIM")] = ()
-    """only this field, or those below this prim; may be repeated; default: all"""
-    frame: Annotated[float | None, option("FRAME")] = None
-    """time code at which fields that do not change are lit; default: the stage's first frame"""
-    device: Annotated[str, option("NAME")] = "auto"
-    """device that computes, auto, cpu or cuda; default: auto"""
-    threads: Annotated[int | None, option("N")] = None
-    """number of threads; default: all cores"""
-    json: Annotated[bool, option()] = False
-    """print one JSON object with the result"""
-    light: _Light = field(default_factory=_Light)
-    opening: StageOptions = field(default_factory=StageOptions)
-    reporting: ReportingOptions = field(default_factory=ReportingOptions)
+FORKS = True
 
 
 def run(options: Options, reporter: Reporter) -> int:
-    """Relight the splats, write the layer, and print the result."""
-    from usdsplat.cli.stages import open_stage
-    from usdsplat.cli.values import time_code
-    from usdsplat.interchange.files import check_not_input, check_suffix, layer_files
-    from usdsplat.kernels.compiling import compile_time, on_compile
-    from usdsplat.kernels.devices import open_device
-    from usdsplat.products.relighting import RelightRequest, write_relit
+    """Relight the splats, or at a part of the times, and print the result."""
+    from usdsplat.interchange.files import check_suffix
+    from usdsplat.products.lit_times import folder_of
 
     if options.output.suffix.lower() == ".usdz":
         raise UsageError("--output", str(options.output), "a .usda, .usdc or .usd layer")
     check_suffix(options.output)
     settings = checked("render settings", RenderSettings, given(options.light))
-    request = RelightRequest(
-        prims=options.prim, captured_hdri=options.captured_hdri, time=time_code(options.frame)
-    )
+    part = None if options.part is None else Part.parse(options.part)
+    check_jobs(options.job)
+    check_job(options)
+    if options.job.is_asked:
+        return _run_as_job(options, settings, reporter)
+    work, device = _prepared(options, settings, reporter)
+    if part is not None:
+        return _light(options, work, part, work.folder(options.output, device), reporter)
+    is_begun = folder_of(options.output).is_dir()
+    folder = work.folder(options.output, device) if is_begun else None
+    return _write(options, work, folder, reporter)
+
+
+def _run_as_job(options: Options, settings: RenderSettings, reporter: Reporter) -> int:
+    """Light the stage by tasks, and write the layer here; or write a bundle for a farm."""
+    if options.job.openjd is not None:
+        work, device = _prepared(options, settings, reporter)
+        return write_bundle(options, work, options.job.openjd, reporter, device=device)
+    folder: LitFolder | None = None
+    with made_folder(options.output.parent):
+        try:
+            with runner_of(options, reporter) as runner:
+                work, device = _prepared(options, settings, reporter)
+                folder = work.folder(options.output, device)
+                messages = run_tasks(options, work, folder, runner, reporter, device=device)
+            status = _write(options, work, folder, reporter)
+        except (StageError, StrictError):  # another stage or another command will be lit anew
+            if folder is not None:
+                folder.remove()
+            raise
+    reporter.findings.extend(messages)
+    return status
+
+
+def _prepared(
+    options: Options, settings: RenderSettings, reporter: Reporter
+) -> tuple[Relighting, str]:
+    """Open the stage, and return the work and the name of the device.
+
+    With --device cuda, the GPU is opened when something is lit: tasks may do that elsewhere.
+    """
+    from usdsplat.cli.stages import open_stage
+    from usdsplat.interchange.files import check_not_input, layer_files
+    from usdsplat.kernels.devices import open_device
+    from usdsplat.products.relighting import Relighting, RelightRequest
+
+    @cache
+    def opened() -> Device:
+        device = open_device(options.device, threads=options.threads)
+        if device.remark:
+            reporter.remark(device.remark)
+        return device
+
     stage = open_stage(options.stage, options.opening, reporter)
     check_not_input(options.output, layer_files(stage))
     reporter.findings.check()
-    device = open_device(options.device, threads=options.threads)
-    if device.remark:
-        reporter.remark(device.remark)
-    announce = reporter.announce_compilation("compiling kernels, once; it takes half a minute")
-    with compile_time() as compiled, reporter.progress(compiled) as progress, on_compile(announce):
-        report = write_relit(
-            stage, options.output, device, settings, request, progress=progress,
-            findings=reporter.findings,
-        )  # fmt: skip
+    request = RelightRequest(
+        prims=options.prim, captured_hdri=options.captured_hdri, time=time_code(options.frame)
+    )
+    work = Relighting(stage, settings, request, opened, findings=reporter.findings)
+    return work, CUDA if options.device == CUDA else opened().name
+
+
+def _light(
+    options: Options, work: Relighting, part: Part, folder: LitFolder, reporter: Reporter
+) -> int:
+    """Light a part of the times, for a later command that writes the layer."""
+    with _computing(reporter) as progress:
+        count = work.light(part, folder, progress=progress)
+    if options.json:
+        reporter.print_json({"folder": str(folder.path), "times": count})
+    else:
+        console.say(f"{shown(str(folder.path))}: part {part}, {counted(count, 'time')}")
+    return 0
+
+
+def _write(options: Options, work: Relighting, folder: LitFolder | None, reporter: Reporter) -> int:
+    """Write the layer, and light what is not in the folder."""
+    with made_folder(options.output.parent), _computing(reporter) as progress:
+        report = work.write(options.output, folder, progress=progress)
     if options.json:
         reporter.print_json(asdict(report))
     else:
         console.say(_told(report))
     return 0
+
+
+@contextmanager
+def _computing(reporter: Reporter) -> Iterator[Progress]:
+    """Report progress, and kernels that are compiled, in a context."""
+    from usdsplat.kernels.compiling import compile_time, on_compile
+
+    announce = reporter.announce_compilation("compiling kernels, once; it takes half a minute")
+    with compile_time() as compiled, reporter.progress(compiled) as progress, on_compile(announce):
+        yield progress
 
 
 def _told(report: RelightReport) -> str:

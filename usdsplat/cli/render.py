@@ -74,12 +74,12 @@ CUDA = "cuda"
 
 def run(options: Options, reporter: Reporter) -> int:
     """Render the pictures, or run the tasks that do, and print each file when it is finished."""
-    from usdsplat.kernels.compiling import compile_time
+    from usdsplat.kernels.cuda import support
     from usdsplat.kernels.devices import check_gpu
-    from usdsplat.products.drawing import draw_frames
-    from usdsplat.products.preparing import files_of
 
     check_jobs(options.job)
+    if options.device == CUDA:
+        support.begin()
     drawing = _draw_options(options)
     if options.threads is not None:
         images.limit_threads(options.threads)
@@ -94,6 +94,15 @@ def run(options: Options, reporter: Reporter) -> int:
         )
         with JobRunner(options.job, reporter, workers, DRAWING) as runner:
             return _run_tasks(options, drawing, runner, reporter)
+    return _run_here(options, drawing, reporter)
+
+
+def _run_here(options: Options, drawing: DrawOptions, reporter: Reporter) -> int:
+    """Draw the pictures with this process, until several would end sooner."""
+    from usdsplat.kernels.compiling import compile_time
+    from usdsplat.products.drawing import draw_frames
+    from usdsplat.products.preparing import files_of
+
     limits = (options.threads, options.memory_limit, options.tile, options.plan_frame)
     may_go_on = may_share(options.job, reporter, *limits, options.fit_frames)
     with (

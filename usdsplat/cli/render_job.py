@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from usdsplat.cli import bundles, console
-from usdsplat.cli.job_options import COLD, TURNS, JobOptions, JobRunner, of_task
+from usdsplat.cli.job_options import COLD, JobOptions, JobRunner, of_task
 from usdsplat.cli.render_options import Options
 from usdsplat.cli.reporting import Reporter
 from usdsplat.cli.values import bytes_of
@@ -84,7 +84,6 @@ def run_as_job(
     if options.job.openjd is not None:
         return _write_bundle(options, task, frames, reporter)
     left = frames if left is None else left
-    chunk = options.job.chunk or max(1, len(left) // (len(runner) * TURNS))
     files = files_of(plans, frames)
     before = {path: _version(path) for group in files for path in group}
     report = list(drawn)
@@ -105,7 +104,7 @@ def run_as_job(
                     finish(_untold(plan, frame, path, task.device))
 
     try:
-        for printed in runner.run(_job(options, task, left, chunk)):
+        for printed in runner.run(_job(options, task, left, options.job.chunk, len(runner))):
             for picture in printed["pictures"]:
                 if not picture["path"].endswith(TILE_SUFFIX):
                     finish(picture)
@@ -149,7 +148,9 @@ def _untold(plan: PicturePlan, frame: float, path: Path, device: str) -> dict[st
     }
 
 
-def _job(options: Options, task: Options, frames: Sequence[float], chunk: int) -> Job:
+def _job(
+    options: Options, task: Options, frames: Sequence[float], chunk: int | None, workers: int = 1
+) -> Job:
     """Return the job of the options."""
     from usdsplat.jobs.frames import render_job
     from usdsplat.products.tiles import Tiling
@@ -159,6 +160,7 @@ def _job(options: Options, task: Options, frames: Sequence[float], chunk: int) -
         frames,
         name=f"render {options.stage.name}",
         chunk=chunk,
+        workers=workers,
         tiling=None if options.tiles is None else Tiling.parse(options.tiles),
         uses_gpu=task.device == "cuda",
         memory=bytes_of(options.memory_limit),

@@ -251,8 +251,9 @@ def _wedge(order: BakeOrder, reporter: Reporter, progress: Progress, pace: Progr
         pace.step(_BAKES, done, total)
 
     report = wedge(
-        order.stage, order.target, order.frames, parse_axes(order.options.wedge), order.wedge,
-        progress=progress, findings=reporter.findings, rates=rates_file(), baked=baked,
+        order.stage, order.target, order.frames, parse_axes(order.options.wedge),
+        replace(order.wedge, baked=baked), progress=progress, findings=reporter.findings,
+        rates=rates_file(),
     )  # fmt: skip
     if order.options.json:
         reporter.print_json(asdict(report))

@@ -32,7 +32,7 @@ from usdsplat.cli import console, forking
 from usdsplat.cli.reporting import Reporter
 from usdsplat.core import interrupt
 from usdsplat.core.errors import UsageError
-from usdsplat.jobs.local import ANSWER, MARKED
+from usdsplat.jobs.local import ANSWER, GPU, MARKED
 from usdsplat.jobs.outcome import TaskResult
 
 if TYPE_CHECKING:
@@ -52,12 +52,17 @@ class Options:
 
 def run(options: Options, reporter: Reporter) -> int:
     """Carry out the commands of stdin."""
+    from usdsplat.kernels.cuda import support
     from usdsplat.products.keeper import EngineKeeper
 
     forking.release()
+    if has_gpu := os.environ.get(MARKED) == GPU:
+        support.begin()
     if "numba" not in sys.modules:  # a forked worker has what its tasks need
         for name in forking.DRAWING:  # now: whoever sends the first task may still plan
             importlib.import_module(name)
+    if has_gpu and support.obstacle() is None:
+        importlib.import_module("usdsplat.kernels.cuda.device")
 
     lines: queue.Queue[str | None] = queue.Queue()
     of_job = bool(os.environ.get(MARKED))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from usdsplat.core.findings import Finding
 from usdsplat.images.layout import Entry, PixelType
 from usdsplat.render.settings import RenderSettings
-from usdsplat.render.specs import Framing
+from usdsplat.render.specs import Framing, LightRules
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -35,6 +35,8 @@ class ProductSpec:
     """`includedPurposes`."""
     matte: tuple[tuple[str, bool], ...] = ()
     """Holdout prims, in the form of `View.matte`."""
+    light_rules: LightRules = ()
+    """See `View.light_rules`."""
     metadata: tuple[tuple[str, Entry], ...] = ()
     """Header entries that the prim adds."""
     findings: tuple[Finding, ...] = ()

@@ -11,6 +11,8 @@ from usdsplat.products.tiles import Tiling
 
 DRAW, JOIN = "draw", "join"
 FRAMES, TILE = "frames", "tile"
+TURNS = 8
+"""Number of tasks of each worker, from which the size of the first ones follows."""
 
 
 def render_job(
@@ -18,7 +20,8 @@ def render_job(
     frames: Sequence[float],
     *,
     name: str,
-    chunk: int,
+    chunk: int | None = None,
+    workers: int = 1,
     tiling: Tiling | None,
     uses_gpu: bool = False,
     memory: int | None = None,
@@ -29,7 +32,8 @@ def render_job(
         command: The command without frames and tile.
         frames: Time codes.
         name: Name of the job.
-        chunk: Number of frames of a task.
+        chunk: Number of frames of a task; None to share them out, see `shared_out`.
+        workers: Number of workers that share them.
         tiling: Tiles that are drawn by tasks of their own; then a task joins those of a chunk.
         uses_gpu: Whether a GPU draws. The task that joins tiles opens the device too.
         memory: See `Job`.
@@ -37,9 +41,7 @@ def render_job(
     Raises:
         UsageError: If a chunk has no frame.
     """
-    if chunk < 1:
-        raise UsageError("--chunk", str(chunk), "1 or more frames")
-    chunks = Parameter(name=FRAMES, values=tuple(chunk_texts(frames, chunk)))
+    chunks = _chunks(frames, chunk, workers)
     command = (*command, Slot("--frames", FRAMES))
     if tiling is None:
         step = Step(name=DRAW, command=command, space=(chunks,), uses_gpu=uses_gpu)
@@ -52,18 +54,51 @@ def render_job(
     return Job(name=name, steps=(draw, join), memory=memory)
 
 
-def frames_job(command: Command, frames: Sequence[float], *, name: str, chunk: int) -> Job:
+def frames_job(
+    command: Command,
+    frames: Sequence[float],
+    *,
+    name: str,
+    chunk: int | None = None,
+    workers: int = 1,
+) -> Job:
     """Return a job whose tasks are frames side by side.
 
     Args:
         command: The command without frames.
         frames: Time codes.
         name: Name of the job.
-        chunk: Number of frames of a task.
+        chunk, workers: As for `render_job`.
+
+    Raises:
+        UsageError: If a chunk has no frame.
     """
-    chunks = Parameter(name=FRAMES, values=tuple(chunk_texts(frames, chunk)))
+    chunks = _chunks(frames, chunk, workers)
     step = Step(name=name, command=(*command, Slot("--frames", FRAMES)), space=(chunks,))
     return Job(name=name, steps=(step,))
+
+
+def _chunks(frames: Sequence[float], chunk: int | None, workers: int) -> Parameter:
+    if chunk is None:
+        texts = [frames_text(each) for each in shared_out(frames, workers)]
+    elif chunk < 1:
+        raise UsageError("--chunk", str(chunk), "1 or more frames")
+    else:
+        texts = chunk_texts(frames, chunk)
+    return Parameter(name=FRAMES, values=tuple(texts))
+
+
+def shared_out(frames: Sequence[float], workers: int) -> list[Sequence[float]]:
+    """Divide frames into tasks that keep workers busy, and that end at nearly the same time: the
+    last ones are shorter (guided self-scheduling, Polychronopoulos and Kuck 1987)."""
+    most = max(1, -(-len(frames) // (workers * TURNS)))
+    parts: list[Sequence[float]] = []
+    first = 0
+    while first < len(frames):
+        size = max(1, min(most, (len(frames) - first) // (2 * workers)))
+        parts.append(frames[first : first + size])
+        first += size
+    return parts
 
 
 def chunk_texts(frames: Sequence[float], chunk: int) -> list[str]:

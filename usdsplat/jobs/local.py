@@ -32,7 +32,11 @@ PATIENCE = 5.0
 ANSWER = "usdsplat-answer: "
 """Beginning of a worker's answer; all else on its streams are messages of libraries."""
 MARKED = "USDSPLAT_JOB_WORKER"
-"""Variable of workers of a job: they mark answers with ANSWER, and end with their parent."""
+"""Variable of workers of a job: they mark answers with ANSWER, and end with their parent. It is GPU
+for those that get a GPU, which they open before they have a task."""
+GPU = "gpu"
+GPUS = "CUDA_VISIBLE_DEVICES"
+"""Variable with the GPUs that a process may use."""
 _LINES = 20
 """Lines of a worker that died which are kept."""
 _GARBLED = "worker: found an answer that cannot be read, expected a line of JSON"
@@ -171,7 +175,7 @@ class _WorkerProcess:
     """
 
     def __init__(self, environment: Mapping[str, str], fork: Fork | None) -> None:
-        self._environment = {**environment, MARKED: "1"}
+        self._environment = {**environment, MARKED: GPU if GPUS in environment else "1"}
         self._fork = fork
         self._process: _Process | None = None
         self._lock = threading.Lock()

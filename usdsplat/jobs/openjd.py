@@ -20,6 +20,7 @@ from usdsplat.core.errors import UsageError
 from usdsplat.core.output import write_output
 from usdsplat.core.wording import counted
 from usdsplat.jobs.job import Job, Parameter, Slot, Step
+from usdsplat.jobs.relights import PART
 
 TEMPLATE, VALUES, REFERENCES = "template.yaml", "parameter_values.yaml", "asset_references.yaml"
 ASSETS = "assets"
@@ -28,6 +29,8 @@ OUTPUT, PROGRAM, FRAMES = "OutputFolder", "Program", "Frames"
 """Names of the parameters of all jobs, and that of the frames of pictures."""
 MOST_VALUES = 1024
 """Maximum length of a list of values."""
+_PICTURE = "--captured-hdri="
+"""Flag whose value may be an input."""
 _NAME = 128
 """Maximum length of the name of a job [character]."""
 _CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f\ud800-\udfff]")
@@ -215,9 +218,9 @@ def _space(parameter: Parameter, bundle: Bundle, *, is_range: bool) -> Mapping[s
         chunks = {"defaultTaskCount": bundle.chunk, "rangeConstraint": "CONTIGUOUS"}
         return {"name": name, "type": "CHUNK[INT]", "range": _reference(FRAMES), "chunks": chunks}
     if len(parameter.values) > MOST_VALUES:
-        is_frames = name == FRAMES
-        found = counted(len(parameter.values), "task" if is_frames else parameter.name)
-        expected = f"at most {MOST_VALUES}{', by a larger --chunk' if is_frames else ''}"
+        is_chunk = parameter.name in (FRAMES.lower(), PART)
+        found = counted(len(parameter.values), "task" if is_chunk else parameter.name)
+        expected = f"at most {MOST_VALUES}{', by a larger --chunk' if is_chunk else ''}"
         raise UsageError("--openjd", f"{found} in a step", expected)
     return {"name": name, "type": "STRING", "range": list(parameter.values)}
 
@@ -234,7 +237,8 @@ def _argument(word: str | Slot, source: Source) -> str:
     """
     if isinstance(word, Slot):
         return f"{word.flag}={{{{Task.Param.{_task_name(word.parameter)}}}}}"
-    rest = word.removeprefix(source.word()).removeprefix("--output=")
+    rest = word.removeprefix(f"{_PICTURE}{source.word()}")  # with any other flag, it is a value
+    rest = rest.removeprefix(source.word()).removeprefix("--output=")
     rest = rest.removeprefix(output_word(""))
     if "{{" in rest or "}}" in rest or _CONTROL.search(rest):
         raise UsageError("--openjd", repr(word), "a text without {{, }} and control characters")

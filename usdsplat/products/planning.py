@@ -153,6 +153,7 @@ def _finished(
         pixel_types=_pixel_types(request, spec),
         matte=(*spec.matte, *((path, True) for path in request.matte)),
         catchers=tuple((path, True) for path in request.catchers),
+        light_rules=spec.light_rules,
         holdout=request.holdout,
         deep=deep,
         compare=request.compare,

@@ -43,7 +43,8 @@ def go_to(
         view = engine.view(plan.camera, framing=plan.framing)
     else:
         view = View(camera=camera, framing=plan.framing)
-    return replace(view, matte=plan.matte, catchers=plan.catchers)
+    rules = plan.light_rules
+    return replace(view, matte=plan.matte, catchers=plan.catchers, light_rules=rules)
 
 
 def of_picture(engine: Engine, plan: PicturePlan, camera: CameraSpec) -> Iterator[Finding]:

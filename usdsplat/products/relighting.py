@@ -2,30 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
-from pxr import Sdf, Usd, UsdLux
+from pxr import Sdf, Usd
 
 from usdsplat import schema
-from usdsplat.core.errors import FormatError, StageError, UsageError
+from usdsplat.core.errors import StageError
 from usdsplat.core.findings import Finding, Findings, finding
+from usdsplat.core.folders import made_folder
+from usdsplat.core.part import Part
 from usdsplat.core.progress import Progress, silent
 from usdsplat.delegate.engine import Engine
-from usdsplat.delegate.scene_delegate.unsupported import LIGHTS
-from usdsplat.images.texture import read_texture
+from usdsplat.delegate.scene_delegate.stage_info import first_frame
 from usdsplat.interchange.over_layer import save_over
 from usdsplat.kernels.device import Device
+from usdsplat.products.captured_hdri import of_picture, photographed_in
+from usdsplat.products.lit_times import LitField, LitFolder, LitTime, stamp_of
 from usdsplat.products.remarks import estimated_light
 from usdsplat.render.lights.captured import estimate
 from usdsplat.render.lights.relighting import field_gains, fit_colors
 from usdsplat.render.settings import RenderSettings
-
-PHOTOGRAPHED = "SplatCapturedLight"
-"""Name of the dome with the HDRI of the set below a field, on a layer that is not saved."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -68,95 +68,251 @@ class RelightReport:
     fields: tuple[FieldRelight, ...]
 
 
-def write_relit(
-    stage: Usd.Stage,
-    target: Path,
-    device: Device,
-    settings: RenderSettings,
-    request: RelightRequest,
-    *,
-    progress: Progress = silent,
-    findings: Findings,
-) -> RelightReport:
-    """Relight the splat fields of a stage, and write their colours to a layer over the stage.
+class Relighting:
+    """The work of relighting the splat fields of a stage: the times at which it is lit.
 
-    A field whose arrays have time samples gets the same samples; others are lit once. Samples at
-    which a field is hidden keep their colours. The layer says that the fields are to be drawn as
-    captured, so that they are not lit again.
+    A field whose arrays have time samples is lit at these; others are lit once.
 
     Args:
         stage: The stage; its layers are not changed.
-        target: File to write, .usda, .usdc or .usd.
-        device: Runs the kernels.
         settings: Those of light count; the mode is relit.
         request: What to relight.
-        progress: Receives the number of finished samples.
+        device: Opens the device, which runs the kernels, when there is something to light.
         findings: Receives what is not as the stage asks for at all samples, and fields that are
             not relit.
 
     Raises:
-        StageError: If the stage has no visible light, or no field can be relit.
-        UsageError: If the captured HDRI cannot be read.
+        StageError: If there is no field to relight.
         StrictError: If findings are strict, and there are some.
-        OutputError: If the target cannot be written.
     """
-    settings = replace(settings, lighting="relit")
-    scratch = Usd.Stage.Open(Sdf.Layer.CreateAnonymous("relit.usda"))
-    found: dict[str, FieldRelight] = {}
-    unlit: list[tuple[str, float | None]] = []
-    has_lights = False
-    time: Any = "first" if request.time is None else request.time
-    with (
-        _photographed_in(stage, request.captured_hdri),
-        Engine(stage, time=time, device="cpu") as engine,
-    ):
+
+    def __init__(
+        self,
+        stage: Usd.Stage,
+        settings: RenderSettings,
+        request: RelightRequest,
+        device: Callable[[], Device],
+        *,
+        findings: Findings,
+    ) -> None:
+        self._stage, self._request, self._findings = stage, request, findings
+        self._settings = replace(settings, lighting="relit")
+        self._device = device
         wanted = _wanted(stage, request.prims, findings)
-        work = _work(stage, wanted, engine.time)
-        for done, (at, samples) in enumerate(work.items()):
-            progress.step("relight", done, len(work))
-            engine.set_time(at)
-            engine.sync()
-            findings.extend(map(_of_picture, engine.findings), time=at if done else None)
-            findings.check()
-            scene = engine.render_scene
-            has_lights |= bool(scene.lights)
-            gains = field_gains(device, scene, settings.resolved(()))
-            fields = {path: field for path, field, _ in scene.drawn()}
-            for path, sample in samples:
-                if path not in gains:
-                    unlit.append((path, sample))
-                    continue
-                prim, spec = stage.GetPrimAtPath(path), fields[path].spec
-                fitted = fit_colors(spec.cloud.sh, gains[path], spec.color_space)
-                cloud = replace(spec.cloud, sh=fitted.sh)
-                schema.author_radiance(scratch, prim, cloud, time=sample)
-                residual = None
-                if not any(scene.light(each) for each in spec.captured_lights):
-                    findings.add(estimated_light(path))
-                    surface = fields[path].surface_values(None)
-                    residual = estimate(spec.cloud, spec.color_space, surface).residual
-                own = FieldRelight(
-                    path=path, splats=len(cloud), samples=0 if sample is None else 1,
-                    error=fitted.error, worst=fitted.worst, residual=residual,
-                )  # fmt: skip
-                found[path] = _merged(found[path], own) if path in found else own
-        progress.step("relight", len(work), len(work))
-    if not has_lights:
-        raise StageError("lights", "none that is visible", "a light to relight by")
-    for path, sample in unlit:
-        prim = stage.GetPrimAtPath(path)
-        if path not in found:
-            findings.add(_why_not(prim))
-            continue
-        with suppress(StageError):  # a sample that cannot be read is a finding of the engine
-            schema.author_radiance(scratch, prim, schema.fetch(prim, sample), time=sample)
-    if not found:
-        raise StageError("fields", "none that can be relit", "a visible splat field")
-    findings.check()
-    for path in found:
-        schema.author_captured(scratch, path)
-    save_over(scratch.GetRootLayer(), stage, target)
-    return RelightReport(target=str(target), fields=tuple(found[path] for path in sorted(found)))
+        findings.check()
+        self._still = first_frame(stage) if request.time is None else request.time
+        self._work = list(_work(stage, wanted, self._still).items())
+        self._said = 0
+        """Number of times whose findings `say` has said."""
+
+    def __len__(self) -> int:
+        """Return the number of times at which the stage is lit."""
+        return len(self._work)
+
+    def folder(self, target: Path, device: str) -> LitFolder:
+        """Return the folder in which parts of the work wait for the layer to be written.
+
+        Args:
+            target: The layer.
+            device: Name of the device.
+        """
+        asked = replace(self._request, captured_hdri=None)
+        values = (asked, self._settings)
+        stamp = stamp_of(self._stage, device, values, self._request.captured_hdri)
+        return LitFolder(target, stamp)
+
+    def light(self, part: Part, folder: LitFolder, *, progress: Progress = silent) -> int:
+        """Light a part of the times, store the results, and return their number.
+
+        Those that are there already are kept.
+
+        Raises:
+            UsageError: If the captured HDRI cannot be read.
+            StrictError: If findings are strict, and there are some.
+            OutputError: If a file cannot be written.
+        """
+        numbers = part.of(len(self))
+        with made_folder(folder.path), self._lighter() as lighter:
+            for done, number in enumerate(numbers):
+                progress.step("relight", done, len(numbers))
+                lit = folder.load(number)
+                if lit is None:
+                    lit = lighter.light(number, self._say)
+                    folder.save(number, lit)
+                else:
+                    self._say(number, lit.findings)
+                self._say_estimated(lit)
+            progress.step("relight", len(numbers), len(numbers))
+        return len(numbers)
+
+    def say(self, folder: LitFolder) -> None:
+        """Say the findings of the first times that others have lit, as one process does.
+
+        Raises:
+            StrictError: If findings are strict, and there are some.
+        """
+        while self._said < len(self) and (lit := folder.load(self._said)) is not None:
+            self._say(self._said, lit.findings)
+            self._say_estimated(lit)
+            self._said += 1
+
+    def write(
+        self, target: Path, folder: LitFolder | None = None, *, progress: Progress = silent
+    ) -> RelightReport:
+        """Write the colours of the fields to a layer over the stage.
+
+        Samples at which a field is hidden keep their colours. The layer says that the fields are to
+        be drawn as captured, so that they are not lit again.
+
+        Args:
+            target: File to write, .usda, .usdc or .usd.
+            folder: Has times that are lit already; None for none. It is removed at the end.
+            progress: Receives the number of finished times.
+
+        Raises:
+            StageError: If the stage has no visible light, or no field can be relit.
+            UsageError: If the captured HDRI cannot be read.
+            StrictError: If findings are strict, and there are some.
+            OutputError: If the target cannot be written.
+        """
+        stage, findings = self._stage, self._findings
+        scratch = Usd.Stage.Open(Sdf.Layer.CreateAnonymous("relit.usda"))
+        found: dict[str, FieldRelight] = {}
+        unlit: list[tuple[str, float | None]] = []
+        has_lights = False
+        with self._lighter() as lighter:
+            for number, (_, samples) in enumerate(self._work):
+                progress.step("relight", number, len(self))
+                lit = None if folder is None else folder.load(number)
+                if lit is None:
+                    lit = lighter.light(number, self._say)
+                else:
+                    self._say(number, lit.findings)
+                self._say_estimated(lit)
+                has_lights |= lit.has_lights
+                for path, sample in samples:
+                    if path not in lit.fields:
+                        unlit.append((path, sample))
+                        continue
+                    each = lit.fields[path]
+                    schema.author_radiance(
+                        scratch, stage.GetPrimAtPath(path), each.cloud, time=sample
+                    )
+                    own = FieldRelight(
+                        path=path, splats=len(each.cloud), samples=0 if sample is None else 1,
+                        error=each.error, worst=each.worst, residual=each.residual,
+                    )  # fmt: skip
+                    found[path] = _merged(found[path], own) if path in found else own
+            progress.step("relight", len(self), len(self))
+        if not has_lights:
+            raise StageError("lights", "none that is visible", "a light to relight by")
+        for path, sample in unlit:
+            prim = stage.GetPrimAtPath(path)
+            if path not in found:
+                findings.add(_why_not(prim))
+                continue
+            with suppress(StageError):  # a sample that cannot be read is a finding of the engine
+                schema.author_radiance(scratch, prim, schema.fetch(prim, sample), time=sample)
+        if not found:
+            raise StageError("fields", "none that can be relit", "a visible splat field")
+        findings.check()
+        for path in found:
+            schema.author_captured(scratch, path)
+        save_over(scratch.GetRootLayer(), stage, target)
+        if folder is not None:
+            folder.remove()
+        fields = tuple(found[path] for path in sorted(found))
+        return RelightReport(target=str(target), fields=fields)
+
+    # --- private ---------------------------------------------------------------------------
+
+    def _lighter(self) -> _Lighter:
+        return _Lighter(
+            self._stage, self._work, self._settings, self._request, self._device, self._still
+        )
+
+    def _say(self, number: int, found: Sequence[Finding]) -> None:
+        """Say the findings of a time. Those of the first one have no time."""
+        self._findings.extend(found, time=self._work[number][0] if number else None)
+        self._findings.check()
+
+    def _say_estimated(self, lit: LitTime) -> None:
+        """Say which fields have no named light."""
+        for path, each in lit.fields.items():
+            if each.residual is not None:
+                self._findings.add(estimated_light(path))
+
+
+_Work = list[tuple[float | None, list[tuple[str, float | None]]]]
+"""Pairs of a time, and the fields that are lit then, with the times to author at."""
+
+
+class _Lighter:
+    """Lights a stage at single times, a context manager. It reads nothing until there is one.
+
+    Args:
+        stage, settings, request, device: See `Relighting`.
+        work: The times.
+        still: Time at which fields that do not change are lit.
+    """
+
+    def __init__(
+        self,
+        stage: Usd.Stage,
+        work: _Work,
+        settings: RenderSettings,
+        request: RelightRequest,
+        device: Callable[[], Device],
+        still: float | None,
+    ) -> None:
+        self._stage, self._work, self._settings = stage, work, settings
+        self._request, self._open_device, self._still = request, device, still
+        self._stack = ExitStack()
+        self._opened: tuple[Engine, Device] | None = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: Any) -> None:
+        self._stack.__exit__(*error)
+
+    def light(self, number: int, say: Callable[[int, Sequence[Finding]], None]) -> LitTime:
+        """Light the stage at the time with a number.
+
+        Args:
+            number: Number of the time.
+            say: Called with the findings before anything is lit.
+        """
+        engine, device = self._engine()
+        at, samples = self._work[number]
+        engine.set_time(at)
+        engine.sync()
+        findings = tuple(map(of_picture, engine.findings))
+        say(number, findings)
+        scene = engine.render_scene
+        gains = field_gains(device, scene, self._settings.resolved(()))
+        fields = {path: field for path, field, _ in scene.drawn()}
+        lit = {}
+        for path in (path for path, _ in samples if path in gains):
+            spec = fields[path].spec
+            fitted = fit_colors(spec.cloud.sh, gains[path], spec.color_space)
+            residual = None
+            if not any(scene.light(each) for each in spec.captured_lights):
+                surface = fields[path].surface_values(None)
+                residual = estimate(spec.cloud, spec.color_space, surface).residual
+            lit[path] = LitField(
+                cloud=replace(spec.cloud, sh=fitted.sh), error=fitted.error, worst=fitted.worst,
+                residual=residual,
+            )  # fmt: skip
+        return LitTime(findings=findings, has_lights=bool(scene.lights), fields=lit)
+
+    def _engine(self) -> tuple[Engine, Device]:
+        """Return the engine and the device, which are opened the first time."""
+        if self._opened is None:
+            self._stack.enter_context(photographed_in(self._stage, self._request.captured_hdri))
+            engine = Engine(self._stage, time=self._still, device="cpu")
+            self._opened = self._stack.enter_context(engine), self._open_device()
+        return self._opened
 
 
 def _work(
@@ -216,69 +372,3 @@ def _why_not(prim: Usd.Prim) -> Finding:
 
 def _is_beneath(path: str, prim: str) -> bool:
     return path == prim or path.startswith(prim.rstrip("/") + "/")
-
-
-@contextmanager
-def _photographed_in(stage: Usd.Stage, picture: Path | None) -> Iterator[None]:
-    """Name hidden domes with a picture as the light of all photographs, while the stage is relit.
-
-    Each field has its own dome, which is below it: the set turns with the capture.
-    """
-    if picture is None:
-        yield
-        return
-    layer = Sdf.Layer.CreateAnonymous("captured.usda")
-    session = stage.GetSessionLayer()
-    session.subLayerPaths.insert(0, layer.identifier)
-    try:
-        with Usd.EditContext(stage, layer):
-            fields = [
-                prim for prim in stage.Traverse()
-                if schema.is_splat_field(prim) and not _names_light(prim)
-            ]  # fmt: skip
-            if not fields:
-                _check_picture(picture)
-            for prim in fields:
-                path = prim.GetPath().AppendChild(PHOTOGRAPHED)
-                dome = UsdLux.DomeLight_1.Define(stage, path)
-                dome.CreateTextureFileAttr(str(picture.resolve()))
-                dome.MakeInvisible()
-                names = prim.CreateRelationship(schema.tokens.CAPTURED_LIGHTS, custom=False)
-                names.SetTargets([path])
-        yield
-    finally:
-        session.subLayerPaths.remove(layer.identifier)
-
-
-def _names_light(field: Usd.Prim) -> bool:
-    """Return whether a field names a light of its photographs that is on the stage."""
-    named = map(field.GetStage().GetPrimAtPath, schema.captured_lights(field))
-    return any(each and each.IsA(kind) for each in named for kind in LIGHTS)
-
-
-def _check_picture(picture: Path) -> None:
-    """Raise an error for a picture that cannot be read, although no field needs it.
-
-    Raises:
-        UsageError: If it is not there, or no picture.
-    """
-    try:
-        read_texture(picture)
-    except FormatError as error:
-        raise UsageError("--captured-hdri", str(picture), error.expected) from None
-
-
-def _of_picture(found: Finding) -> Finding:
-    """Return a finding; one on a dome of the picture names the flag in place of the dome.
-
-    Raises:
-        UsageError: If the picture cannot be read.
-    """
-    above, _, name = found.path.rpartition("/")
-    if name != PHOTOGRAPHED:
-        return found
-    if not found.attribute.startswith("inputs:texture"):
-        return replace(found, path=above, attribute="")
-    if found.code == "bad-light":
-        raise UsageError("--captured-hdri", found.found, found.expected)
-    return replace(found, path="--captured-hdri", attribute="")

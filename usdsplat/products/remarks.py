@@ -14,8 +14,10 @@ from usdsplat.products.request import PicturePlan
 from usdsplat.render.draw_list import ELEMENT_IDS
 from usdsplat.render.fields import Field
 from usdsplat.render.frame_stats import FrameStats
-from usdsplat.render.lights.needs import mode_of
+from usdsplat.render.lights.needs import drawn_things, mode_of, modes_asked
+from usdsplat.render.lod.tree import Tree
 from usdsplat.render.sampling import has_lens
+from usdsplat.render.scene import RenderScene
 from usdsplat.render.settings import RenderSettings, usd_names
 from usdsplat.render.specs import CameraSpec, View
 
@@ -119,30 +121,41 @@ NOTE: Severity = "note"
 
 
 def shadows(engine: Engine, plan: PicturePlan) -> Iterator[Finding]:
-    """Yield a finding if a picture with shadows has no lights, on each relit field whose light is
-    estimated, and on each splat tree; a note where only the AOV is asked for, as among all AOVs."""
+    """Yield a finding if a picture with shadows has no lights, and on each relit field or tree with
+    an estimated light; a note where only the AOV is asked for, as among all AOVs."""
     is_lit, scene = plan.settings.lighting != "captured", engine.render_scene
-    modes = {mode_of(field.spec, plan.settings) for field in scene.visible_fields()}
-    if not is_lit and "shadow" not in plan.aovs and "relit" not in modes:
+    modes = {
+        path: (mode_of(each, plan.settings, plan.light_rules), each)
+        for path, each in sorted(drawn_things(scene).items())
+    }
+    relit = {path: each for path, (mode, each) in modes.items() if mode == "relit"}
+    yield from _split_lighting(scene, plan)
+    if not is_lit and "shadow" not in plan.aovs and not relit:
         return
-    severity = None if is_lit else NOTE
     if not scene.lights:
         where, expected = plan.product or "lighting", "one or more lights"
+        severity = None if is_lit else NOTE
         yield finding("no-lights", where, "no lights", expected, severity=severity)
-    for path, field, _ in scene.drawn() if scene.lights else ():
-        named = any(scene.light(each) for each in field.spec.captured_lights)
-        if mode_of(field.spec, plan.settings) == "relit" and not named:
+        return
+    for path, each in relit.items():
+        if not any(scene.light(light) for light in each.spec.captured_lights):
             yield estimated_light(path)
-    for path, field in {path: field for path, field, _ in scene.drawn()}.items():
-        if mode_of(field.spec, plan.settings) == "relit" and scene.lights:
-            yield from _instanced_lights(path, field)
-    for path, _ in scene.drawn_trees():
-        yield finding("unlit-tree", path, "a splat tree", "a splat field", severity=severity)
+        yield from _instanced_lights(path, each)
 
 
-def _instanced_lights(path: str, field: Field) -> Iterator[Finding]:
-    """Yield a finding on each light of a field's photographs that is inside one of its native
-    instances: below what their paths have in common, and along only one of them."""
+def _split_lighting(scene: RenderScene, plan: PicturePlan) -> Iterator[Finding]:
+    """Yield a finding on each field or tree with instances of which the picture asks different
+    light."""
+    for path, each in sorted(drawn_things(scene).items()):
+        asked = modes_asked(each, plan.settings, plan.light_rules)
+        if len(asked) > 1:
+            found = f"instances that are {' and '.join(sorted(asked))}"
+            yield finding("split-lighting", path, found, "one light for all")
+
+
+def _instanced_lights(path: str, field: Field | Tree) -> Iterator[Finding]:
+    """Yield a finding on each light of the photographs of a field or tree that is inside one of its
+    native instances: below what their paths have in common, and along only one of them."""
     seen = sorted({each.path for each in field.instances})
     shared = len(PurePosixPath(posixpath.commonpath(seen)).parts)
     roots = {PurePosixPath(*PurePosixPath(each).parts[: shared + 1]) for each in seen}

@@ -11,7 +11,7 @@ from usdsplat.images.background import Background
 from usdsplat.images.frame_numbers import FileName
 from usdsplat.images.layout import Entry, PixelType
 from usdsplat.render.settings import RenderSettings
-from usdsplat.render.specs import Framing
+from usdsplat.render.specs import Framing, LightRules
 
 MOST_PIXELS = 65536
 """Maximum size of a side [pixel]; larger values are typing errors."""
@@ -89,6 +89,8 @@ class PicturePlan:
     """Pairs (AOV or "alpha", type) for channels of an EXR with another type than usual."""
     matte: tuple[tuple[str, bool], ...] = ()
     catchers: tuple[tuple[str, bool], ...] = ()
+    light_rules: LightRules = ()
+    """See `View`, as the two above."""
     holdout: str | None = None
     deep: bool = False
     compare: bool = True

@@ -61,6 +61,9 @@ class WedgeOptions:
     """Options of each bake; they apply to the contact sheet too."""
     frame: float | None = None
     """Frame of the contact sheet [time code]; None is the last one."""
+    baked: Callable[[int, int], None] = lambda done, total: None
+    """Called with the number of finished bakes and of all, before each bake. An exception that it
+    raises ends the wedge."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -163,7 +166,6 @@ def wedge(
     progress: Progress = silent,
     findings: Findings | None = None,
     rates: Path | None = None,
-    baked: Callable[[int, int], None] = lambda done, total: None,
 ) -> WedgeReport:
     """Bake every combination of some parameters' values, and draw a contact sheet.
 
@@ -177,8 +179,6 @@ def wedge(
         axes: Parameters with their values.
         options: How existing bakes are treated, and the frame of the contact sheet.
         progress, findings, rates: As for `simulate`.
-        baked: Called with the number of finished bakes and of all, before each bake. An exception
-            that it raises ends the wedge.
 
     Raises:
         UsageError: If the axes or the frame of the contact sheet cannot be used.
@@ -190,7 +190,7 @@ def wedge(
     shown = frames[-1] if options.frame is None else options.frame
     reports = []
     for number, each in enumerate(made, 1):
-        baked(number - 1, len(made))
+        options.baked(number - 1, len(made))
         findings.say(f"{number} of {len(made)}: {each.target.name}")
         changed = twin(stage)
         for setting in each.settings:

@@ -48,11 +48,16 @@ class Field:
     """Element id of the first splat."""
     surface: SurfaceValues | None = None
     """Normals of the surfaces that the splats lie on; computed on first use."""
-    is_node: bool = False
-    """Whether these are splats of a node of a tree. A budget of splats does not reduce them."""
+    tree: str = ""
+    """Path of the tree that these are splats of; empty for a prim's own."""
     is_inner: bool = False
     """Whether these splats stand for those of a tree below them. They are always antialiased, and
     drawn with samples of their own."""
+
+    @property
+    def is_node(self) -> bool:
+        """Whether these are splats of nodes of a tree. A budget of splats does not reduce them."""
+        return bool(self.tree)
 
     def subset(self, count: int) -> SplatSubset:
         """Return the `count` most conspicuous splats of the field."""

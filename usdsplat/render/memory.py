@@ -146,7 +146,7 @@ def estimate(
     used = buffers_of(scene, view, settings, request)
     in_band = sum(each.touched_bytes(sizes) for name, each in used.items() if not _by_splat(name))
     by_splat = sum(each.touched_bytes(sizes) for name, each in used.items() if _by_splat(name))
-    receivers, maps = lighting_bytes(scene, settings, set(request.aovs))
+    receivers, maps = lighting_bytes(scene, view, settings, set(request.aovs))
     by_splat += PARTIAL_PAGES * layout.slots + _of_meshes(scene) + receivers + maps
     if receivers or SURFACE & set(request.aovs):
         missing = (field for field in scene.visible_fields() if field.surface is None)

@@ -220,9 +220,8 @@ class RenderScene:
     @property
     def lights(self) -> tuple[LightSpec, ...]:
         """All visible lights, by path."""
-        return tuple(
-            light for _, light in sorted(self.named_lights.items(), key=lambda each: each[0])
-        )
+        named = self.named_lights
+        return tuple(named[path] for path in sorted(named))
 
     @property
     def named_lights(self) -> Mapping[str, LightSpec]:
@@ -235,8 +234,10 @@ class RenderScene:
 
     def catchers(self) -> set[str]:
         """Return the paths of all drawn prims that are shadow catchers by themselves."""
+        trees = {e.path for _, t in self.drawn_trees() if t.spec.is_catcher for e in t.instances}
         splats = {each.path for _, field, each in self.drawn() if field.spec.is_catcher}
-        return splats | {each.path for _, mesh, each in self.drawn_meshes() if mesh.spec.is_catcher}
+        meshes = {each.path for _, mesh, each in self.drawn_meshes() if mesh.spec.is_catcher}
+        return trees | splats | meshes
 
     @property
     def splat_count(self) -> int:
@@ -281,12 +282,8 @@ class RenderScene:
 
     def drawn_meshes(self) -> list[DrawnMesh]:
         """Return each visible appearance of a mesh, by path, then index."""
-        seen = [
-            (path, mesh, instance)
-            for path, mesh in self._meshes.items()
-            if mesh.is_drawn
-            for instance in mesh.instances
-        ]
+        drawn = ((path, mesh) for path, mesh in self._meshes.items() if mesh.is_drawn)
+        seen = [(path, mesh, instance) for path, mesh in drawn for instance in mesh.instances]
         return sorted(seen, key=lambda item: (item[2].path, item[2].index, item[0]))
 
     def prims(self) -> tuple[str, ...]:
@@ -353,7 +350,8 @@ class RenderScene:
         return self._subject[0]
 
     def caster_bounds(self) -> tuple[Box | None, Box | None]:
-        """Return the bounds of the visible fields, without outliers, and those of the meshes."""
+        """Return the bounds of the visible splats, without outliers, and those of the meshes."""
+        trees = [_place(_subject_of_tree(t), t.instances) for _, t in self.drawn_trees()]
         fields = [
             _place(box, field.instances)
             for field in self.visible_fields()
@@ -364,7 +362,7 @@ class RenderScene:
             for mesh in self._meshes.values()
             if mesh.is_drawn and (box := _measured(mesh, "local", _extent)) is not None
         ]
-        return _joined(fields), _joined(meshes)
+        return _joined([*trees, *fields]), _joined(meshes)
 
     def subject_of(self, thing: Field | Mesh) -> Box | None:
         """Return the subject of one field or mesh in local space, ignoring its crops."""

@@ -19,6 +19,7 @@ IDENTITY: Matrix = (1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 
 RasterizeMode = Literal["classic", "antialiased", "footprint"]
 ProjectionMode = Literal["perspective", "tangential"]
 LightingMode = Literal["auto", "captured", "shadowed", "relit"]
+LightRules = tuple[tuple[LightingMode, tuple[tuple[str, bool], ...]], ...]
 SortingMode = Literal["zDepth", "cameraDistance", "rayHitDistance"]
 CropShape = Literal["sphere", "cube", "cylinder", "cone", "capsule", "plane"]
 Wrap = Literal["black", "clamp", "repeat", "mirror"]
@@ -247,3 +248,6 @@ class View:
     catchers: tuple[tuple[str, bool], ...] = ()
     """Rules (path, is catcher) in the form of `matte`. A shadow catcher is a matte on which the AOV
     of shadows is drawn. Prims that are catchers by themselves are added."""
+    light_rules: LightRules = ()
+    """Light of splats in place of that of the settings: (mode, rules in the form of `matte`). The
+    first whose rules contain a prim decides. Prims with a light of their own keep it."""

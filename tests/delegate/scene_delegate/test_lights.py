@@ -10,6 +10,7 @@ import pytest
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdLux
 
 from tests.delegate.surface_stages import add_light
+from tests.delegate.tree_stages import tree_stage
 from usdsplat import procedural_capture, schema
 from usdsplat.delegate.engine import Engine
 from usdsplat.render.lights.dome import peak_lights
@@ -198,6 +199,55 @@ def test_a_profile_and_a_texture_of_a_light_are_findings() -> None:
     assert all(name in f"{found}" for name in ("lamp.ies", "sky.exr"))
 
 
+@pytest.mark.parametrize(
+    ("name", "code", "said"),
+    [
+        ("inputs:intensty", "unknown-name", "such as inputs:intensity"),
+        ("inputs:radius", "unknown-name", "an input of RectLight"),
+        ("inputs:shadow:colour", "unknown-name", "such as inputs:shadow:color"),
+        ("inputs:shaping:cone:angle", "unused", "ShapingAPI applied"),
+        ("inputs:ri:light:gain", None, ""),
+        ("inputs:exposure", None, ""),
+    ],
+)
+def test_an_input_that_a_light_does_not_have_is_a_finding(name, code, said) -> None:
+    """Oracle: UsdLux's schemas; inputs of other renderers are none. A hidden light has none."""
+    stage = Usd.Stage.CreateInMemory()
+    rect = UsdLux.RectLight.Define(stage, "/Rect")
+    rect.GetPrim().CreateAttribute(name, Sdf.ValueTypeNames.Float).Set(1.0)
+    with Engine(stage) as engine:
+        found = [each for each in engine.findings if each.code in ("unknown-name", "unused")]
+        assert [each.code for each in found] == ([code] if code else [])
+        assert all(said in f"{each}" and name in f"{each}" for each in found)
+        rect.MakeInvisible()
+        engine.sync()
+        assert not any(name in f"{each}" for each in engine.findings)
+
+
+def test_an_input_of_an_applied_schema_is_known() -> None:
+    """Oracle: UsdLux's schemas."""
+    stage = Usd.Stage.CreateInMemory()
+    light = UsdLux.SphereLight.Define(stage, "/Light").GetPrim()
+    UsdLux.ShapingAPI.Apply(light).CreateShapingConeAngleAttr(30.0)
+    UsdLux.ShadowAPI.Apply(light).CreateShadowColorAttr((0, 0, 1))
+    with Engine(stage) as engine:
+        assert not any(each.code in ("unknown-name", "unused") for each in engine.findings)
+
+
+def test_light_of_splats_on_a_prim_without_splats_is_a_finding() -> None:
+    """Oracle: one for the model above; none for the field, or for settings of a picture."""
+    stage = Usd.Stage.CreateInMemory()
+    UsdGeom.Xform.Define(stage, "/Model")
+    schema.author(stage, "/Model/Splats", procedural_capture(2000))
+    stage.DefinePrim("/Render", "RenderSettings")
+    for path in ("/Model", "/Model/Splats", "/Render"):
+        prim = stage.GetPrimAtPath(path)
+        prim.CreateAttribute("splat:lighting", Sdf.ValueTypeNames.Token).Set("shadowed")
+    with Engine(stage) as engine:
+        found = [each for each in engine.findings if each.code == "unused"]
+    assert [each.path for each in found] == ["/Model"]
+
+
 def test_a_catcher_and_the_mode_of_a_field_are_read() -> None:
     """Oracle: the applied schema and the token; an edit is seen."""
     stage = Usd.Stage.CreateInMemory()
@@ -212,6 +262,24 @@ def test_a_catcher_and_the_mode_of_a_field_are_read() -> None:
         engine.sync()
         assert engine.render_scene.catchers() == {"/Splats", "/Cube"}
         assert engine.render_scene.visible_fields()[0].spec.lighting == "shadowed"
+
+
+def test_the_mode_of_a_tree_and_its_light_of_photographs_are_read(tmp_path) -> None:
+    """Oracle: the token, the path of the hidden light, and the catcher; edits are seen."""
+    stage, _ = tree_stage(tmp_path)
+    UsdLux.DistantLight.Define(stage, "/Set").MakeInvisible()
+    with Engine(stage) as engine:
+        [(_, tree)] = engine.render_scene.drawn_trees()
+        assert (tree.spec.lighting, tree.spec.captured_lights) == ("auto", ())
+        prim = stage.GetPrimAtPath("/World/Tree")
+        prim.CreateAttribute("splat:lighting", Sdf.ValueTypeNames.Token).Set("relit")
+        prim.CreateRelationship("splat:lighting:captured").SetTargets(["/Set"])
+        prim.AddAppliedSchema("SplatShadowCatcherAPI")
+        engine.sync()
+        [(_, tree)] = engine.render_scene.drawn_trees()
+        assert (tree.spec.lighting, tree.spec.captured_lights) == ("relit", ("/Set",))
+        assert engine.render_scene.catchers() == {"/World/Tree"}
+        assert engine.render_scene.light("/Set") is not None
 
 
 def sky_picture(folder, name="sky.exr", *, spot=(0.5, 0.5), edit=lambda pixels: None):

@@ -330,6 +330,23 @@ def test_mattes_may_be_expressions_and_reach_into_instances(stage):
     assert cut.matte == (("/Instance/WallOne", True), ("/Source/WallOne", True))
 
 
+def test_collections_of_light_are_read_and_a_product_has_its_own(stage):
+    """Oracle: the collections authored here, in the order captured, shadowed, relit."""
+    settings, own = (stage.GetPrimAtPath(f"/Render/{name}") for name in ("Settings", "Own"))
+    for prim, name, target in (
+        (settings, "lightRelit", "/World/A"),
+        (settings, "lightCaptured", "/World/B"),
+        (own, "lightRelit", "/World/B"),
+    ):
+        stage.DefinePrim(target, "Sphere")
+        Usd.CollectionAPI.Apply(prim, name).CreateIncludesRel().SetTargets([target])
+    with Engine(stage) as engine:
+        plain, cut = engine.products()
+    captured = ("captured", (("/World/B", True),))
+    assert plain.light_rules == (captured, ("relit", (("/World/A", True),)))
+    assert cut.light_rules == (captured, ("relit", (("/World/B", True),)))
+
+
 def test_a_pass_brings_its_mattes_when_it_is_the_only_one_or_is_named(stage):
     """Oracle: the collections authored here; passes of the same settings are alternatives."""
     for name, target in (("One", "/World/A"), ("Two", "/World/B")):

@@ -8,7 +8,7 @@ from usdsplat.core.cloud import SplatCloud
 from usdsplat.kernels import lighting, total
 from usdsplat.kernels.devices import open_device
 from usdsplat.render.lights.cameras import bounds_of, cameras_of
-from usdsplat.render.lights.depth_map import draw_depth_map
+from usdsplat.render.lights.depth_map import MapBuffers, draw_depth_map
 from usdsplat.render.lights.sampling import samples_of
 from usdsplat.render.renderer import open_rasterizer
 from usdsplat.render.specs import FieldSpec, InstanceSpec
@@ -53,9 +53,12 @@ def light_at(
     casts = np.ones(len(layout.labels), np.uint8)
     sums = device.resident((len(points), lighting.SUMS), np.float32)
     device.run(total.clear, sums.reshape((-1, 1, lighting.SUMS)))
+    buffers = MapBuffers(device.resident)
     for record in samples_of(light, samples):
         for camera in cameras_of(record[None].copy(), bounds_of(scene), resolution):
-            each = draw_depth_map(rasterizer, camera, scene, layout, lambda _: True, SurfaceCache())
+            each = draw_depth_map(
+                rasterizer, camera, scene, layout, lambda _: True, SurfaceCache(), buffers
+            )
             device.run(
                 lighting.illuminate, each.light, points, full, shapes, lighting.NO_PRIMS,
                 lighting.ONE_PRIM, -1, each.world_to_screen, each.views, (*each.splats, casts),

@@ -112,12 +112,13 @@ def test_the_estimate_finds_the_light_of_a_grey_capture():
     colors[::10] *= 0.2
     cloud, _ = ball(colors, 3000)
     facts = np.stack([np.ones(3000), np.zeros(3000)], axis=1).astype(np.float32)
-    found = estimate(cloud, SPACE, SurfaceValues(normals.astype(np.float32), facts))
-    error = np.abs(found.light - light) / light
+    surface = SurfaceValues(normals.astype(np.float32), facts)
+    found = estimate(cloud, SPACE, surface)
+    error = np.abs(found.on(surface) - light) / light
     assert error.max() < 0.03 and 0.1 < found.residual < 0.9
     clean, _ = ball(GREY * light, 3000)
-    exact = estimate(clean, SPACE, SurfaceValues(normals.astype(np.float32), facts))
-    assert np.abs(exact.light - light).max() < 2e-3 and exact.residual < 0.01
+    exact = estimate(clean, SPACE, surface)
+    assert np.abs(exact.on(surface) - light).max() < 2e-3 and exact.residual < 0.01
 
 
 @pytest.mark.parametrize("confidence", [0.0, 1.0])
@@ -127,11 +128,12 @@ def test_any_capture_has_an_estimate(count, confidence):
     normals = spread_normals(count)
     facts = np.full((count, 2), confidence, np.float32)
     cloud = cloud_of(normals, (0.1, 0.1, 0.1), 0.5, grey=0.5)
-    found = estimate(cloud, SPACE, SurfaceValues(normals.astype(np.float32), facts))
-    assert np.isfinite(found.light).all() and (found.light > 0).all()
+    surface = SurfaceValues(normals.astype(np.float32), facts)
+    found = estimate(cloud, SPACE, surface)
+    assert np.isfinite(found.on(surface)).all() and (found.on(surface) > 0).all()
     assert math.isfinite(found.residual)
     if not confidence:
-        assert np.ptp(found.light, axis=0).max() < 1e-6
+        assert np.ptp(found.on(surface), axis=0).max() < 1e-6
 
 
 @pytest.mark.parametrize("degree", [0, 1, 3])
@@ -230,7 +232,7 @@ def test_the_estimate_of_a_capture_does_not_depend_on_its_primaries():
         colors = encode_light(GREY * light, space)
         sh = ((colors - 0.5) / C0).astype(np.float32)[:, None]
         cloud = replace(cloud_of(normals, (0.12, 0.12, 0.12), 0.95), sh=sh)
-        found.append(estimate(cloud, space, surface).light)
+        found.append(estimate(cloud, space, surface).on(surface))
     np.testing.assert_allclose(found[1], found[0], rtol=1e-4)
     np.testing.assert_allclose(found[1], light, rtol=5e-3)
 
@@ -251,7 +253,7 @@ def test_the_memory_of_relit_splats_counts_the_light_of_photographs(named):
         store = renderer._idle[0].lights
         kept = [each[1] for each in (*store.sums.values(), *store.estimates.values())]
         bytes_kept = sum(int(np.prod(each.shape)) * 4 for each in kept)
-        found[mode] = bytes_kept, lighting_bytes(scene, settings, {"color"})
+        found[mode] = bytes_kept, lighting_bytes(scene, view_from_above(), settings, {"color"})
     more_kept = found["relit"][0] - found["shadowed"][0]
     assert more_kept >= 400 * 4 * 6
     assert found["relit"][1][0] - found["shadowed"][1][0] >= more_kept

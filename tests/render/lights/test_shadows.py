@@ -347,6 +347,28 @@ def test_the_mode_of_a_field_overrides_that_of_the_picture():
         np.testing.assert_array_equal(found, expected)
 
 
+def test_rules_of_the_picture_choose_the_mode_of_prims():
+    """Oracle: the pictures of both modes; the first rules that hold the prim decide, and its own
+    mode comes before them."""
+    view = view_from_above(height=1.0)
+    plain = picture(dimmed_scene(), view, aovs=("color",))["color"]
+    lit = picture(dimmed_scene(), view, aovs=("color",), lighting="shadowed")["color"]
+    captured, shadowed = ("captured", (("/flat", True),)), ("shadowed", (("/", True),))
+    for rules, own, expected in (
+        ((shadowed,), "auto", lit),
+        ((captured, shadowed), "auto", plain),
+        ((shadowed, captured), "auto", lit),
+        ((shadowed,), "captured", plain),
+        ((captured,), "shadowed", lit),
+        ((("shadowed", (("/", True), ("/flat", False))),), "auto", plain),
+    ):
+        scene = dimmed_scene()
+        flat = next(field for path, field, _ in scene.drawn() if path == "/flat")
+        scene.set_field("/flat", replace(flat.spec, lighting=own))
+        ruled = replace(view, light_rules=rules)
+        np.testing.assert_array_equal(picture(scene, ruled, aovs=("color",))["color"], expected)
+
+
 @pytest.mark.parametrize("kind", ["mesh", "field"])
 @pytest.mark.parametrize("by", ["view", "prim"])
 def test_a_catcher_is_not_in_the_picture_and_its_shadow_is(kind, by):

@@ -160,11 +160,11 @@ CODES: dict[str, Code] = {
         "name a light outside of the instances, or make them not instanceable",
         "all instances have been photographed in this one light, which does not turn with them",
     ),
-    "unlit-tree": Code(
+    "split-lighting": Code(
         "warning",
-        "shadows are requested of a splat tree",
-        "convert the part that matters to a field with usdsplat convert",
-        "it neither casts nor receives shadows",
+        "native instances of one field or tree are in collections of different light",
+        "put them in one collection, or make them not instanceable",
+        "all of them have the light of the first one",
     ),
     "outside-range": Code(
         "note",
@@ -181,8 +181,8 @@ CODES: dict[str, Code] = {
     # --- names ---
     "unknown-name": Code(
         "warning",
-        "a property in the namespace splat: or splatSim:, or an input of a shader, has an unknown "
-        "name",
+        "a property in the namespace splat: or splatSim:, or an input of a light or shader, has an "
+        "unknown name",
         "correct the name, or remove the property",
     ),
 }

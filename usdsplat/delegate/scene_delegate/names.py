@@ -9,12 +9,13 @@ from __future__ import annotations
 import difflib
 from collections.abc import Container, Iterable, Iterator
 
-from pxr import Sdf, Usd
+from pxr import Sdf, Usd, UsdRender
 
 from usdsplat import schema
 from usdsplat.core.findings import Finding, finding
 from usdsplat.render.settings import usd_names
 from usdsplat.schema import tokens
+from usdsplat.schema.tree import is_tree
 
 DRAWING = "splat:"
 SIMULATION = "splatSim:"
@@ -28,6 +29,7 @@ KNOWN = frozenset(usd_names()) | {
 """Names of properties of all our schemas but those of simulations."""
 
 GRADES = schema.GRADE_ATTRIBUTES
+LIGHTING = (tokens.LIGHTING, tokens.CAPTURED_LIGHTS)
 CROPS = (tokens.CROP_INCLUDE, tokens.CROP_EXCLUDE)
 
 
@@ -41,10 +43,13 @@ def checked_names(prim: Usd.Prim) -> list[str]:
 
 
 def unknown_names(prim: Usd.Prim, names: list[str]) -> Iterator[Finding]:
-    """Yield a finding for each of the `checked_names` of a prim that is unknown."""
+    """Yield a finding for each of the `checked_names` of a prim that is unknown, or that has an
+    effect on splat fields only."""
     for name in names:
         if name.startswith(DRAWING) and name not in KNOWN:
             yield _unknown(prim, name, sorted(KNOWN))
+        elif name in LIGHTING and not _has_light(prim):
+            yield finding("unused", f"{prim.GetPath()}.{name}", "no splat field", "it on the field")
         elif name.startswith("collection:"):
             collection, _, rest = name.removeprefix("collection:").partition(":")
             near = schema.is_splat_field(prim) or difflib.get_close_matches(
@@ -96,6 +101,12 @@ def _unknown(prim: Usd.Prim, name: str, known: list[str]) -> Finding:
     near = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
     expected = f"such as {near[0]}" if near else "a property of a schema of usdsplat"
     return finding("unknown-name", f"{prim.GetPath()}.{name}", "an unknown property", expected)
+
+
+def _has_light(prim: Usd.Prim) -> bool:
+    """Return whether a prim has light of splats: its own, or that of a picture."""
+    is_of_picture = any(prim.IsA(each) for each in (UsdRender.Settings, UsdRender.Product))
+    return is_of_picture or schema.is_splat_field(prim) or is_tree(prim)
 
 
 def _is_simulated(prim: Usd.Prim, names: list[str]) -> bool:

@@ -23,7 +23,7 @@ from usdsplat.delegate.scene_delegate.render_names import ALPHAS, AOVS, LINEAR, 
 from usdsplat.images.layout import PixelType
 from usdsplat.render.framing import CONFORM, data_window
 from usdsplat.render.settings import RenderSettings, usd_names
-from usdsplat.render.specs import Framing
+from usdsplat.render.specs import Framing, LightingMode, LightRules
 from usdsplat.schema.stage_values import are_finite
 
 HALF_TYPES = {
@@ -36,6 +36,10 @@ DISABLERS = {
     "depth_of_field": ("disableDepthOfField",),
 }
 """Knob -> UsdRender attributes that disable it."""
+LIGHT_COLLECTIONS: tuple[tuple[LightingMode, str], ...] = (
+    ("captured", "lightCaptured"), ("shadowed", "lightShadowed"), ("relit", "lightRelit"),
+)  # fmt: skip
+"""Light of splats, and the collection of the prims that have it."""
 
 
 def find_products(
@@ -199,6 +203,7 @@ class _Reader:
             aovs=self._aovs(),
             pixel_types=self._pixel_types(),
             matte=self._matte(),
+            light_rules=self._light_rules(),
             metadata=product_metadata.entries(self._product, self._time),
             purposes=tuple(map(str, self._value("includedPurposes"))),
         )
@@ -356,3 +361,12 @@ class _Reader:
         asked = asked if asked[0] else [collections.applied(self._settings, "matte")]
         asked.append(self._pass and collections.applied(self._pass, "matte"))
         return collections.rules(self._product.GetStage(), filter(None, asked))
+
+    def _light_rules(self) -> LightRules:
+        """Return the light of the prims in the product's or the settings' collections."""
+        found: list[tuple[LightingMode, collections.Rules]] = []
+        for mode, name in LIGHT_COLLECTIONS:
+            asked = [collections.applied(each, name) for each in (self._product, self._settings)]
+            if first := next(filter(None, asked), None):
+                found.append((mode, collections.rules(self._product.GetStage(), [first])))
+        return tuple(found)

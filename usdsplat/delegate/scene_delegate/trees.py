@@ -27,7 +27,7 @@ from usdsplat.delegate.scene_delegate.population import RprimEntry
 from usdsplat.images.color import color_space
 from usdsplat.images.grade import grade_matrix
 from usdsplat.render.lod.tree import TreeSpec
-from usdsplat.render.specs import ProjectionMode, RasterizeMode, SortingMode
+from usdsplat.render.specs import LightingMode, ProjectionMode, RasterizeMode, SortingMode
 from usdsplat.schema.chunks import ChunkReader, chunk_stamp
 from usdsplat.schema.lod_roots import tree_level
 from usdsplat.schema.tree import Tree, chunk_files, chunk_shape, read_tree
@@ -104,6 +104,9 @@ class Chunks:
             projection_mode=cast(ProjectionMode, schema.projection_mode(prim)),
             sorting_mode=cast(SortingMode, schema.sorting_mode(prim)),
             grade=grade_matrix(schema.grade(prim, at), space),
+            lighting=cast(LightingMode, schema.lighting_mode(prim)),
+            captured_lights=schema.captured_lights(prim),
+            is_catcher=schema.is_shadow_catcher(prim),
         )
 
     def update(

@@ -24,6 +24,9 @@ LIGHTS = (
 OTHER_LIGHTS = (UsdLux.BoundableLightBase, UsdLux.NonboundableLightBase, UsdLux.PluginLight)
 """Types of lights, those that are drawn among them."""
 
+LIGHT_APIS = ("ShapingAPI", "ShadowAPI")
+"""Schemas whose inputs have an effect only on lights to which they are applied."""
+
 OWN_TYPES = ("SplatSim", "LODScreenSizeHeuristic", "LODDistanceHeuristic")
 """Types that we write or read, that USD may not know, and that are not drawn."""
 
@@ -123,6 +126,34 @@ def findings_on_light(prim: Usd.Prim) -> Iterator[Finding]:
         value = attribute.Get() if attribute else None
         if value is not None and str(value.path):
             yield finding("unsupported-input", str(attribute.GetPath()), value.path, "no file")
+    yield from _names_of_light(prim)
+
+
+def _names_of_light(prim: Usd.Prim) -> Iterator[Finding]:
+    """Yield a finding for each input of a light that its schemas do not have. Inputs in a namespace
+    that is none of theirs belong to other renderers."""
+    known = _inputs(prim.GetPrimDefinition())
+    registry = Usd.SchemaRegistry()
+    apis = {api: _inputs(registry.FindAppliedAPIPrimDefinition(api)) for api in LIGHT_APIS}
+    for name in prim.GetAuthoredPropertyNames():
+        if not name.startswith("inputs:") or name in known:
+            continue
+        where = f"{prim.GetPath()}.{name}"
+        if api := next((api for api, names in apis.items() if name in names), None):
+            yield finding(
+                "unused", where, f"an input of {api}, which is not applied", f"{api} applied"
+            )
+            continue
+        plain = (each.removeprefix("inputs:") for each in sorted(known.union(*apis.values())))
+        near = difflib.get_close_matches(name.removeprefix("inputs:"), plain, 1, 0.75)
+        if near or name.count(":") == 1:
+            expected = f"such as inputs:{near[0]}" if near else f"an input of {prim.GetTypeName()}"
+            yield finding("unknown-name", where, "an unknown input", expected)
+
+
+def _inputs(definition: Usd.PrimDefinition) -> set[str]:
+    """Return the names of the inputs of a schema."""
+    return {name for name in definition.GetPropertyNames() if name.startswith("inputs:")}
 
 
 def finding_on_input(shader: Usd.Prim, name: str, found: Any) -> Finding | None:

@@ -10,7 +10,7 @@ import numpy as np
 
 from usdsplat.core.cloud import F64, I64, SplatCloud
 from usdsplat.core.errors import UsageError
-from usdsplat.core.pairs import whole_pair
+from usdsplat.core.part import Part
 from usdsplat.interchange.decimating import level
 from usdsplat.interchange.lod import chunks, levels
 from usdsplat.interchange.lod.chunks import ChunkForm, ChunkNodes, chunk_name, joined, taken
@@ -190,25 +190,10 @@ class NodeBuilder:
         return self.folder / chunk_name(number)
 
 
-@dataclass(frozen=True, slots=True)
-class TreePart:
-    """A share of a building, which is divided into `count` parts."""
+class TreePart(Part):
+    """A share of a building."""
 
-    number: int
-    """1 to `count`."""
-    count: int
-
-    @classmethod
-    def parse(cls, text: str) -> TreePart:
-        """Return the value of `--part`, K/N.
-
-        Raises:
-            UsageError: If it is anything else.
-        """
-        found = whole_pair(text, "/")
-        if found is None or found[0] > found[1]:
-            raise UsageError("--part", repr(text), "K/N with K from 1 to N, such as 1/8")
-        return cls(*found)
+    __slots__ = ()
 
     def takes(self, index: int) -> bool:
         """Return whether this part does the work with this number, from 0."""

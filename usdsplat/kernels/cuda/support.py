@@ -8,6 +8,7 @@ import importlib.metadata
 import importlib.util
 import os
 import sys
+import threading
 
 Capability = tuple[int, int]
 """Compute capability of a GPU: (major, minor)."""
@@ -20,6 +21,7 @@ can be built only on the GPU that runs them, see `cuda.cub`."""
 INSTALL = "pip install 'usdsplat[cuda]'"
 PACKAGES = ("numba-cuda", "numba", "nvidia-nvvm", "nvidia-nvjitlink", "cuda-core", "cuda-bindings")
 """The packages that compile and assemble CUDA kernels."""
+_ASKING = threading.Lock()
 CAPABILITY_MAJOR, CAPABILITY_MINOR = 75, 76
 """Numbers of these device attributes in the driver's API (CUdevice_attribute)."""
 
@@ -40,9 +42,14 @@ def has_gpu() -> bool:
     return capability() is not None
 
 
-@functools.cache
 def capability() -> Capability | None:
     """Return the compute capability of the first GPU; None if there is no usable GPU."""
+    with _ASKING:
+        return _capability()
+
+
+@functools.cache
+def _capability() -> Capability | None:
     name = "nvcuda.dll" if sys.platform == "win32" else "libcuda.so.1"
     try:
         driver = ctypes.CDLL(name)
@@ -55,6 +62,12 @@ def capability() -> Capability | None:
         if driver.cuDeviceGetAttribute(ctypes.byref(number), kind, device) != 0:
             return None
     return major.value, minor.value
+
+
+def begin() -> None:
+    """Let a thread start the driver, which takes up to a second on a host with several GPUs, while
+    this one loads the program. `capability` waits for what is left of it."""
+    threading.Thread(target=capability, name="usdsplat driver", daemon=True).start()
 
 
 def gpu_count() -> int:

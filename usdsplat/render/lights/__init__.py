@@ -8,6 +8,8 @@ depth_map   what this camera sees: lists of splats by tile, and depths of surfac
 captured    the light in which a capture was photographed, estimated
 gains       factors on the colours of splats
 light_maps  the light of one light at receivers, with the maps that are kept
+trees       splat trees as lights see them: a cut of their own, and its normals
+targets     the splats that receive light: fields, nodes of trees, and these cuts
 lighting    light of receivers: splats, which keep it, and pixels of surfaces
 needs       which pictures depend on lights and shadows
 memory      what they take

@@ -10,7 +10,7 @@ Huber 1981, "Robust Statistics", for the weights.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -35,16 +35,20 @@ HUBER = 1.345
 class CapturedLight:
     """Estimated light of a capture."""
 
-    light: F32
-    """Light on each splat as that which a white surface reflects, linear Rec.709, shape
-    (n, 3)."""
+    harmonics: F64
+    """Light on normals as that which a white surface reflects, linear Rec.709, shape (9, 3)."""
     residual: float
     """Part of the variation of colours that light does not explain: 0 for a grey capture, near 1
     if colours do not depend on normals."""
 
+    def on(self, surface: SurfaceValues) -> F32:
+        """Return the light on splats by their normals in local space, shape (n, 3)."""
+        least = DARKEST * sh.C0 * self.harmonics[0]
+        return np.maximum(_rows(surface) @ self.harmonics, least).astype(np.float32)
+
 
 def estimate(cloud: SplatCloud, color_space: str, surface: SurfaceValues) -> CapturedLight:
-    """Estimate the light on the splats of a capture, by their normals in local space.
+    """Estimate the light in which a capture was photographed, in local space.
 
     Args:
         cloud: The splats; only colours without view dependence, opacities and sizes are used.
@@ -58,17 +62,20 @@ def estimate(cloud: SplatCloud, color_space: str, surface: SurfaceValues) -> Cap
     sizes = np.sort(cloud.scales.astype(np.float64), axis=1)
     confidence = surface.facts[:, 0].astype(np.float64)
     weights = np.nan_to_num(cloud.opacities * sizes[:, 1] * sizes[:, 2], posinf=0.0) * confidence
-    rows: F64 = sh.basis(surface.normals.astype(np.float64), 2).astype(np.float64)
-    rows[:, 1:] *= confidence[:, None]
     if not weights.sum() > 0:
         weights = np.ones(len(linear))
     weights /= weights.sum()
-    found = _fitted(rows, linear / GREY, weights)
-    mean = sh.C0 * found[0]
-    light = np.maximum(rows @ found, DARKEST * mean)
-    return CapturedLight(
-        light=light.astype(np.float32), residual=_residual(linear / GREY, light, weights)
-    )
+    found = CapturedLight(harmonics=_fitted(_rows(surface), linear / GREY, weights), residual=0.0)
+    light = found.on(surface).astype(np.float64)
+    return replace(found, residual=_residual(linear / GREY, light, weights))
+
+
+def _rows(surface: SurfaceValues) -> F64:
+    """Return the harmonics of degree 2 of normals, shape (n, 9); the mean where there is no
+    confidence."""
+    rows: F64 = sh.basis(surface.normals.astype(np.float64), 2).astype(np.float64)
+    rows[:, 1:] *= surface.facts[:, :1]
+    return rows
 
 
 def _fitted(rows: F64, values: F64, weights: F64) -> F64:

@@ -10,7 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from usdsplat.core.cloud import F32, F64, I32
-from usdsplat.kernels import bins, lighting, position
+from usdsplat.kernels import bins, lighting, position, project
+from usdsplat.render.buffers import Buffer, BufferGroup, Empty
 from usdsplat.render.draw_list import DrawList
 from usdsplat.render.frame_buffers import FrameBuffers
 from usdsplat.render.lights.cameras import LightCamera
@@ -56,6 +57,28 @@ class DepthMap:
         return sum(int(np.prod(each.shape)) * each.dtype.itemsize for each in arrays)
 
 
+class CasterBuffers(BufferGroup):
+    """Splats that cast shadows, for their tile lists."""
+
+    enlarged = Buffer(lambda slots: (slots, project.RECORD), np.float32)
+    """Records, see `lighting.enlarge`, shape (slots, RECORD)."""
+    limits = Buffer(lambda pairs: (pairs,), np.float32)
+    """Depths, see `lighting.nearest_ahead`, shape (pairs,)."""
+
+
+class MapBuffers:
+    """Buffers of a depth map, which the next map that has them overwrites.
+
+    Args:
+        empty: See `FrameBuffers`.
+    """
+
+    def __init__(self, empty: Empty) -> None:
+        self.frame, self.casters = FrameBuffers(empty), CasterBuffers(empty)
+        self.last = 0
+        """Size of the last map [byte]."""
+
+
 def draw_depth_map(
     rasterizer: Rasterizer,
     camera: LightCamera,
@@ -63,6 +86,7 @@ def draw_depth_map(
     layout: DrawList,
     casts: Callable[[str], bool],
     meshes: SurfaceCache,
+    buffers: MapBuffers,
 ) -> DepthMap:
     """Draw the casters that a camera of a light sees.
 
@@ -70,9 +94,9 @@ def draw_depth_map(
         layout: The splats.
         casts: Whether the mesh at a path casts shadows.
         meshes: Keeps the layout of the meshes for the next picture.
+        buffers: Hold the result.
     """
     device = rasterizer.device
-    buffers = FrameBuffers(device.resident)
     splats, tiles, depths = NO_RECORDS, _no_tiles(), NO_DEPTHS
     views = np.concatenate([NO_VIEW, NO_VIEW])
     if camera.splats is not None and layout.slots > 0:
@@ -85,7 +109,7 @@ def draw_depth_map(
             device, scene, camera.surfaces, cache=meshes, shows=casts, is_two_sided=True
         )
         if drawn is not None:
-            depths = drawn.draw_depths(buffers)
+            depths = drawn.draw_depths(buffers.frame)
     return DepthMap(
         light=camera.light,
         world_to_screen=camera.world_to_screen,
@@ -97,11 +121,11 @@ def draw_depth_map(
 
 
 def _list_splats(
-    rasterizer: Rasterizer, buffers: FrameBuffers, screen: Screen, layout: DrawList
+    rasterizer: Rasterizer, buffers: MapBuffers, screen: Screen, layout: DrawList
 ) -> tuple[tuple[F32, F32, I32], tuple[Any, ...]]:
     """Project all splats and list them by tile."""
     device = rasterizer.device
-    projector = Projector(device, buffers, layout, screen, SETTINGS, SPACE)
+    projector = Projector(device, buffers.frame, layout, screen, SETTINGS, SPACE)
     projector.lay_out()
     projector.project()
     projector.find_ray_hits()
@@ -109,14 +133,14 @@ def _list_splats(
     records, hits = found.records, found.ray_hits
     numbers = np.arange(len(layout.labels), dtype=np.int32)
     appearances = projector.labelled(found.order, numbers)
-    enlarged = device.resident(records.shape, np.float32)
+    enlarged = buffers.casters.enlarged(records.shape[0])
     device.run(lighting.enlarge, records, hits, enlarged)
     lists = rasterizer.bin(
-        replace(found, records=enlarged), screen.window, Occluders(), buffers,
+        replace(found, records=enlarged), screen.window, Occluders(), buffers.frame,
         sort_by_ray_hit=False,
     )  # fmt: skip
     starts, rows, grid = lists.arrays
-    limits = device.resident(rows.shape, np.float32)
+    limits = buffers.casters.limits(rows.shape[0])
     device.run(lighting.nearest_ahead, starts[1:], starts, rows, hits, limits)
     return (records, hits, appearances), (starts, rows, limits, grid)
 

@@ -24,36 +24,35 @@ def summed(device: Device, parts: Sequence[Any]) -> Any:
     return sums
 
 
-def shadow_gains(device: Device, sums: Any, ambient: float, rows: Any) -> Any:
+def shadow_gains(device: Device, sums: Any, ambient: F32, rows: Any) -> Any:
     """Return the ratios of light with to that without shadows.
 
     Args:
         sums: Light of receivers, shape (n, SUMS) f32.
-        ambient: Light that no light explains, as a part of the mean.
+        ambient: Light that no light explains, see `part_of_mean`.
         rows: See `receivers.ratios`.
     """
     gains = device.resident((sums.shape[0], 3), np.float32)
-    device.run(receivers.ratios, sums, _ambient(device, sums, ambient), np.float32(0), rows, gains)
+    device.run(receivers.ratios, sums, ambient, np.float32(0), rows, gains)
     return gains
 
 
-def relit_gains(device: Device, sums: Any, captured: Any, ambient: float, rows: Any) -> Any:
+def relit_gains(
+    device: Device, sums: Any, captured: Any, ambient: F32, captured_ambient: F32, rows: Any
+) -> Any:
     """Return the ratios of light to that in which the splats were photographed.
 
     Args:
         sums, ambient, rows: See `shadow_gains`.
-        captured: As `sums`, in the light of the photographs.
+        captured, captured_ambient: As `sums` and `ambient`, in the light of the photographs.
     """
     gains = device.resident((sums.shape[0], 3), np.float32)
-    device.run(
-        receivers.relight, sums, captured, _ambient(device, sums, ambient),
-        _ambient(device, captured, ambient), rows, gains,
-    )  # fmt: skip
+    device.run(receivers.relight, sums, captured, ambient, captured_ambient, rows, gains)
     return gains
 
 
-def _ambient(device: Device, sums: Any, ambient: float) -> F32:
-    """Return a part of the mean light without shadows, shape (3,)."""
+def part_of_mean(device: Device, sums: Any, share: float) -> F32:
+    """Return a part of the mean light of receivers without shadows, shape (3,)."""
     count = max(1, sums.shape[0])
     mean = [device.run(receivers.total, sums, 3 + channel) / count for channel in range(3)]
-    return np.array(mean, np.float32) * np.float32(ambient)
+    return np.array(mean, np.float32) * np.float32(share)

@@ -11,6 +11,7 @@ from usdsplat.render.fields import Field
 from usdsplat.render.group_gains import Gains, GroupGains
 from usdsplat.render.scene import RenderScene
 from usdsplat.render.settings import RenderSettings
+from usdsplat.render.specs import View
 
 LOOKS = 4
 """Number of combinations of light settings whose light is kept: both sides of a comparison, and
@@ -19,6 +20,7 @@ those before them."""
 
 def light_version(
     scene: RenderScene,
+    view: View,
     settings: RenderSettings,
     layout: DrawList,
     casters: Any,
@@ -30,7 +32,8 @@ def light_version(
         casters: What shadows depend on besides lights and settings.
         wants_ratios: Whether the AOV of shadows is drawn.
     """
-    look = settings.lighting, settings.self_shadows, settings.ambient, wants_ratios
+    how = settings.lighting, settings.self_shadows, settings.ambient
+    look = *how, view.light_rules, wants_ratios
     groups = tuple(
         (
             group.field.shapes,
@@ -40,7 +43,6 @@ def light_version(
             group.placements.transforms.tobytes(),
         )
         for group in layout.groups
-        if not group.field.is_node
     )
     return look, (tuple(sorted(scene.named_lights.items())), casters, groups)
 

@@ -13,7 +13,7 @@ from usdsplat.core.cloud import F32
 from usdsplat.kernels import domes, lighting, total
 from usdsplat.render.draw_list import DrawList
 from usdsplat.render.lights.cameras import LightCamera, bounds_of, cameras_of
-from usdsplat.render.lights.depth_map import DepthMap, draw_depth_map
+from usdsplat.render.lights.depth_map import DepthMap, MapBuffers, draw_depth_map
 from usdsplat.render.lights.dome import peak_lights, smooth_light
 from usdsplat.render.lights.light_steps import unnoticed
 from usdsplat.render.lights.sampling import samples_of
@@ -69,6 +69,8 @@ class LightMaps:
     """What maps depend on besides lights; the splat budget of the casters is last."""
     kept: Maps
     meshes: SurfaceCache
+    buffers: MapBuffers
+    """Buffers of maps that are not kept."""
     draws: bool = True
     """Whether maps that are not kept may be drawn, and those of another splat budget are not good
     enough."""
@@ -99,9 +101,8 @@ class LightMaps:
 
     def steps(self, light: LightSpec) -> int:
         """Return the number of cameras of a light, without those of a dome's peaks."""
-        samples = (
-            self.settings.dome_samples if light.kind == "dome" else self.settings.light_samples
-        )
+        how = self.settings
+        samples = how.dome_samples if light.kind == "dome" else how.light_samples
         return sum(1 for _ in self._cameras(light, samples, casts=True))
 
     def are_kept(self, light: LightSpec) -> bool:
@@ -178,8 +179,13 @@ class LightMaps:
 
         for other in [name for name, (before, _) in maps.items() if before != self.version]:
             del maps[other]
-        made = draw_depth_map(self.rasterizer, camera, self.scene, self.casters, casts, self.meshes)
-        if light.kind == "dome" and samples * made.nbytes > KEPT_BYTES:
+        keeps = samples * self.buffers.last <= KEPT_BYTES
+        buffers = MapBuffers(self.rasterizer.device.resident) if keeps else self.buffers
+        made = draw_depth_map(
+            self.rasterizer, camera, self.scene, self.casters, casts, self.meshes, buffers
+        )
+        self.buffers.last = made.nbytes
+        if not keeps:
             return made
         maps[key] = self.version, made
         while sum(each.nbytes for _, each in maps.values()) > KEPT_BYTES and len(maps) > 1:

@@ -8,8 +8,11 @@ from typing import Any
 
 from usdsplat.core.cloud import F32, I32
 from usdsplat.render.group_gains import GroupGains
+from usdsplat.render.lights.captured import CapturedLight
 from usdsplat.render.lights.last_light import LastLights
 from usdsplat.render.lights.light_maps import Maps
+from usdsplat.render.lights.targets import Key
+from usdsplat.render.lights.trees import TreeStore
 from usdsplat.render.surface_cache import SurfaceCache
 
 
@@ -17,15 +20,19 @@ from usdsplat.render.surface_cache import SurfaceCache
 class LightStore:
     """What lighting keeps between pictures."""
 
+    version: Any = None
+    """What light depended on in the last picture, besides lights and receivers."""
     maps: Maps = field(default_factory=OrderedDict)
-    sums: dict[tuple[int, str], tuple[Any, Any]] = field(default_factory=dict)
-    """First slot of a group and path of a light -> what the sums depend on, and the sums."""
-    estimates: dict[int, tuple[Any, Any]] = field(default_factory=dict)
-    """First slot of a group -> what the estimated light of its photographs depends on, and its
-    sums."""
-    gains: dict[tuple[int, str], tuple[Any, GroupGains]] = field(default_factory=dict)
-    """First slot of a group and mode -> what its gains depend on, and the gains."""
-    rows: dict[int, tuple[F32, I32]] = field(default_factory=dict)
-    """First slot of a group -> the centres of its field, and their order along a curve."""
+    sums: dict[tuple[Key, str], tuple[Any, Any]] = field(default_factory=dict)
+    """Receivers and path of a light -> what the sums depend on, and the sums."""
+    captured: dict[Key, tuple[Any, CapturedLight]] = field(default_factory=dict)
+    """Receivers -> what the estimated light of their photographs depends on, and this light."""
+    estimates: dict[Key, tuple[Any, Any]] = field(default_factory=dict)
+    """Receivers -> what the sums of this light depend on, and the sums."""
+    gains: dict[tuple[Key, str], tuple[Any, GroupGains]] = field(default_factory=dict)
+    """Receivers and mode -> what their gains depend on, and the gains."""
+    rows: dict[Key, tuple[F32, I32]] = field(default_factory=dict)
+    """Receivers -> the centres of their field, and their order along a curve."""
+    trees: TreeStore = field(default_factory=TreeStore)
     meshes: SurfaceCache = field(default_factory=SurfaceCache)
     last: LastLights = field(default_factory=LastLights)

@@ -1,15 +1,15 @@
 """Compute the light of a picture's receivers: splats, once per scene, and pixels of surfaces.
 
-Light of splats does not depend on the view. Their sums are kept for each light and field, with
-everything that they depend on, and computed again only if that has changed. Depth maps are kept,
-too, as long as they fit in `light_maps.KEPT_BYTES`: pixels of surfaces look at them in every band
-and picture.
+Light of splats does not depend on the view, which only chooses nodes of trees. Their sums are kept
+for each light and field, with everything that they depend on, and computed again only if that has
+changed. Depth maps are kept, too, as long as they fit in `light_maps.KEPT_BYTES`: pixels of
+surfaces look at them in every band and picture.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -23,13 +23,16 @@ from usdsplat.render.draw_list import DrawList, Group
 from usdsplat.render.frame_buffers import FrameBuffers
 from usdsplat.render.group_gains import Gains, GroupGains
 from usdsplat.render.lights.captured import estimate
-from usdsplat.render.lights.gains import relit_gains, shadow_gains, summed
+from usdsplat.render.lights.depth_map import MapBuffers
+from usdsplat.render.lights.gains import part_of_mean, relit_gains, shadow_gains, summed
 from usdsplat.render.lights.last_light import light_version
 from usdsplat.render.lights.light_maps import LightMaps, Receivers, by_pixel
 from usdsplat.render.lights.light_steps import counted, unnoticed
 from usdsplat.render.lights.light_store import LightStore
-from usdsplat.render.lights.needs import is_needed, mode_of
+from usdsplat.render.lights.needs import has_shadows, is_needed, mode_of
 from usdsplat.render.lights.specs import LightSpec
+from usdsplat.render.lights.targets import Key, Target, targets_of
+from usdsplat.render.lights.trees import Casters, casters_of
 from usdsplat.render.matte import is_matte
 from usdsplat.render.rasterizer import Rasterizer
 from usdsplat.render.scene import RenderScene
@@ -41,17 +44,6 @@ from usdsplat.render.surfaces import SurfaceBand
 ALL_APPEARANCES = -1
 NO_ROWS: I32 = np.empty(0, np.int32)
 NO_RATIOS: F32 = np.empty((0, 3), np.float32)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Target:
-    """Splats of one group as receivers."""
-
-    group: Group
-    appearances: list[int]
-    """Numbers of its instances among the casters."""
-    version: Any
-    """What their light depends on besides lights and casters."""
 
 
 class Lighting:
@@ -86,34 +78,43 @@ class Lighting:
             buffers.lights = LightStore()
         self._store: LightStore = buffers.lights
         self._settings, self._scene = settings, scene
-        self._catchers = view.catchers
+        self._catchers, self._rules = view.catchers, view.light_rules
         self._layout, self._wants_ratios = layout, wants_ratios
         self._waits, self._cancel = waits, cancel or CancelToken()
         self.is_behind = False
         """Whether something is shown without the light of this scene."""
         self.steps = 0
         """Samples of lights that were computed for splats."""
-        # nodes of trees follow the view, so they cast no shadows
-        self._casters = scene.draw_list(settings.splat_budget)
+        self._cast = Casters(scene.drawn(), scene.draw_list(settings.splat_budget), {})
+        if wants_ratios or has_shadows(scene, view, settings):
+            self._cast = casters_of(scene, settings, self._store.trees)
+        self._casters = self._cast.layout
         self._version = (
-            tuple((path, f.shapes, f.crops, each) for path, f, each in scene.drawn()),
+            tuple((path, f.shapes, f.crops, each) for path, f, each in self._cast.drawn),
             tuple((path, mesh.spec, each) for path, mesh, each in scene.drawn_meshes()),
             view.catchers,
             (settings.shadow_resolution, settings.light_samples, settings.dome_samples),
             settings.splat_budget,
         )
+        if self._version == self._store.version:
+            self._version = self._store.version  # one object is compared quickly
+        self._store.version = self._version
+        catchers = view.catchers
+        # a function without self, which would keep all buffers until garbage is collected
         self._maps = LightMaps(
             rasterizer=rasterizer, settings=settings, scene=scene, casters=self._casters,
-            catches=self.catches, version=self._version, kept=self._store.maps,
-            meshes=self._store.meshes, draws=waits,
+            catches=lambda path: is_matte(path, catchers), version=self._version,
+            kept=self._store.maps, meshes=self._store.meshes,
+            buffers=MapBuffers(rasterizer.device.resident), draws=waits,
         )  # fmt: skip
         self._is_shadowed = settings.lighting != "captured"
-        version = light_version(scene, settings, layout, self._version[:-1], wants_ratios)
+        last = self._store.last
+        version = light_version(scene, view, settings, layout, self._version[:-1], wants_ratios)
         if waits:
             self.gains, self.ratios = self._of_splats()
-            self._store.last.keep(version, layout, self.gains, self.ratios)
+            last.keep(version, layout, self.gains, self.ratios)
         else:
-            self.gains, self.ratios, self.is_behind = self._store.last.of(version, layout)
+            self.gains, self.ratios, self.is_behind = last.of(version, layout)
 
     @property
     def has_catchers(self) -> bool:
@@ -191,19 +192,21 @@ class Lighting:
     def _of_splats(self) -> tuple[Gains, Gains]:
         """Return the gains of lit groups, and the ratios of all groups if they are needed."""
         lights, store = self._scene.named_lights, self._store
-        drawn = [group for group in self._layout.groups if not group.field.is_node]
-        modes = {group.slot: mode_of(group.field.spec, self._settings) for group in drawn}
+        drawn, own = self._layout.groups, self._settings.self_shadows
+        modes = {group.slot: self._mode(group) for group in drawn}
         groups = [g for g in drawn if modes[g.slot] != "captured" or self._wants_ratios]
-        numbers = _appearances(self._casters, self._layout)
-        targets = [self._target(g, numbers[g.slot]) for g in groups] if lights else []
-        self._live: set[tuple[int, str]] = set()
-        todo = [(p, each, self._stale(p, each, targets)) for p, each in sorted(lights.items())]
+        targets: list[Target] = []
+        if lights:
+            targets = targets_of(self._cast, self._layout, groups, self_shadows=own)
+        wholes = list({each.whole.key: each.whole for each in targets if each.whole}.values())
+        self._live: set[tuple[Key, str]] = set()
+        named = sorted(lights.items())
+        todo = [(path, light, self._stale(path, light, targets)) for path, light in named]
         self.steps = sum(self._maps.steps(light) for _, light, stale in todo if stale)
         with counted("lighting", self.steps, self._cancel) as step:
             for path, light, stale in todo:
-                if stale:
-                    self._receive(path, light, stale, casts=True, step=step)
-        slots = {target.group.slot for target in targets}
+                self._receive(path, light, stale, casts=True, step=step)
+                self._receive(path, light, self._stale(path, light, wholes), casts=False)
         lit, ratios = {}, {}
         for target in targets:
             slot = target.group.slot
@@ -212,27 +215,27 @@ class Lighting:
             if modes[slot] != "captured":
                 lit[slot] = self._gain(target, "relit") if modes[slot] == "relit" else ratios[slot]
         store.sums = {key: each for key, each in store.sums.items() if key in self._live}
-        store.rows = {k: each for k, each in store.rows.items() if k in slots}
-        store.estimates = {k: each for k, each in store.estimates.items() if k in slots}
-        store.gains = {k: each for k, each in store.gains.items() if k[0] in slots}
+        keys = {target.key for target in (*targets, *wholes)}
+        store.rows = {k: each for k, each in store.rows.items() if k in keys}
+        store.captured = {k: each for k, each in store.captured.items() if k in keys}
+        store.estimates = {k: each for k, each in store.estimates.items() if k in keys}
+        store.gains = {k: each for k, each in store.gains.items() if k[0] in keys}
         return lit, ratios
 
-    def _target(self, group: Group, appearances: list[int]) -> _Target:
-        """Return the splats of a group as receivers."""
-        surface = group.field.surface_values(None)
-        transforms = group.placements.transforms.tobytes()
-        version = group.field.shapes, surface, transforms, self._settings.self_shadows
-        return _Target(group, appearances, version)
+    def _mode(self, group: Group) -> str:
+        """Return the light of the splats of a group; of nodes, that of their tree."""
+        tree = self._scene.tree(group.field.tree) if group.field.is_node else None
+        return mode_of(tree or group.field, self._settings, self._rules)
 
     def _stale(
-        self, path: str, light: LightSpec, targets: Sequence[_Target]
-    ) -> list[tuple[_Target, Any]]:
+        self, path: str, light: LightSpec, targets: Sequence[Target]
+    ) -> list[tuple[Target, Any]]:
         """Return the targets for which the sums of a light are not kept, and their versions."""
         stale = []
-        self._live.update((target.group.slot, path) for target in targets)
+        self._live.update((target.key, path) for target in targets)
         for target in targets:
             version = light, self._version, target.version
-            held = self._store.sums.get((target.group.slot, path))
+            held = self._store.sums.get((target.key, path))
             if held is None or held[0] != version:
                 stale.append((target, version))
         return stale
@@ -241,13 +244,15 @@ class Lighting:
         self,
         path: str,
         light: LightSpec,
-        stale: Sequence[tuple[_Target, Any]],
+        stale: Sequence[tuple[Target, Any]],
         *,
         casts: bool,
         step: Callable[[], None] = unnoticed,
     ) -> None:
         """Compute the sums of one light, and keep them with the versions of the targets."""
-        placed = [(target, self._placed(target.group)) for target, _ in stale]
+        if not stale:
+            return
+        placed = [(target, self._placed(target)) for target, _ in stale]
         room = [
             self._device.resident((sum(row[0].shape[0] for row in rows), lighting.SUMS), np.float32)
             for _, rows in placed
@@ -266,12 +271,12 @@ class Lighting:
                 found.append(Receivers(places=places, linked=lighting.ONE_PRIM, own=own, sums=part))
         self._maps.shine(light, found, casts=casts, step=step)
         for (target, version), sums in zip(stale, room, strict=True):
-            self._store.sums[target.group.slot, path] = version, sums
+            self._store.sums[target.key, path] = version, sums
 
-    def _placed(self, group: Group) -> list[tuple[Any, ...]]:
+    def _placed(self, target: Target) -> list[tuple[Any, ...]]:
         """Return the receivers of each instance of a group."""
+        group, surface = target.group, target.surface
         cloud, count = group.field.spec.cloud, len(group.field.spec.cloud)
-        surface = group.field.surface_values(None)
         keep, resident = self._device.keep, self._device.resident
         found = []
         for transform in group.placements.transforms:
@@ -282,90 +287,91 @@ class Lighting:
             turn *= np.sign(np.linalg.det(linear)) or 1.0
             place = np.ascontiguousarray(transform[:3])
             self._device.run(
-                receivers.place_splats, self._rows(group), place, turn,
+                receivers.place_splats, self._rows(target), place, turn,
                 keep(cloud.positions), keep(cloud.rotations), keep(cloud.scales),
                 keep(surface.normals), keep(surface.facts), points, normals, shapes,
             )  # fmt: skip
             found.append((points, normals, shapes, lighting.NO_PRIMS))
         return found
 
-    def _rows(self, group: Group) -> I32:
+    def _rows(self, target: Target) -> I32:
         """Return the rows of a field along the Z-order curve: receivers near each other look at the
         same casters."""
-        positions = group.field.spec.cloud.positions
-        held = self._store.rows.get(group.slot)
+        positions = target.group.field.spec.cloud.positions
+        held = self._store.rows.get(target.key)
         if held is None or held[0] is not positions:
             held = positions, curve_order(self._device, positions)
-            self._store.rows[group.slot] = held
+            self._store.rows[target.key] = held
         return held[1]
 
-    def _gain(self, target: _Target, mode: str) -> GroupGains:
+    def _gain(self, target: Target, mode: str) -> GroupGains:
         """Return the gains of a group in a mode, "shadowed" or "relit"."""
-        slot, ambient = target.group.slot, self._settings.ambient
-        parts = [self._store.sums[slot, path] for path in sorted(self._scene.named_lights)]
+        device, share = self._device, self._settings.ambient
+        parts = self._shone(target)
         before = self._captured(target) if mode == "relit" else []
-        version = ambient, *(each[0] for each in parts), *(each[0] for each in before)
-        held = self._store.gains.get((slot, mode))
+        version = share, *(each[0] for each in parts), *(each[0] for each in before)
+        held = self._store.gains.get((target.key, mode))
         if held is not None and held[0] == version:
             return held[1]
-        rows = self._rows(target.group)
-        sums = summed(self._device, [each[1] for each in parts])
+        rows, sums = self._rows(target), summed(device, [each[1] for each in parts])
+        whole = sums
+        if target.whole:
+            whole = summed(device, [each[1] for each in self._shone(target.whole)])
+        ambient = part_of_mean(device, whole, share)
         if before:
-            captured = summed(self._device, [each[1] for each in before])
-            factors = relit_gains(self._device, sums, captured, ambient, rows)
+            captured = whole = summed(device, [each[1] for each in before])
+            if target.whole:
+                whole = summed(device, [each[1] for each in self._captured(target.whole)])
+            dim = part_of_mean(device, whole, share)
+            factors = relit_gains(device, sums, captured, ambient, dim, rows)
         else:
-            factors = shadow_gains(self._device, sums, ambient, rows)
+            factors = shadow_gains(device, sums, ambient, rows)
         gains = GroupGains(token=object(), factors=factors, is_light=mode == "relit")
-        self._store.gains[slot, mode] = version, gains
+        self._store.gains[target.key, mode] = version, gains
         return gains
+
+    def _shone(self, target: Target) -> list[tuple[Any, Any]]:
+        """Return what the sums of each light depend on, and the sums."""
+        named = sorted(self._scene.named_lights)
+        return [self._store.sums[target.key, path] for path in named]
 
     # --- light of photographs ----------------------------------------------------------------
 
-    def _captured(self, target: _Target) -> list[tuple[Any, Any]]:
+    def _captured(self, target: Target) -> list[tuple[Any, Any]]:
         """Return what the light in which a group was photographed depends on, and its sums: those
         of the lights that are named, else an estimate."""
-        slot, found = target.group.slot, []
+        found = []
         prims, labels = self._casters.prims, self._casters.labels
-        own = tuple((prims[labels[each, 0]], True) for each in target.appearances)
+        own = tuple((prims[labels[each, 0]], True) for each in target.capture.appearances)
         for path in target.group.field.spec.captured_lights:
             light = self._scene.light(path)
             if light is not None:
                 # only the capture itself stood in this light
                 alone = replace(light, casters=own)
                 key = f"captured {path}"
-                stale = self._stale(key, alone, [target])
-                if stale:
-                    self._receive(key, alone, stale, casts=self._settings.self_shadows)
-                found.append(self._store.sums[slot, key])
+                casts = self._settings.self_shadows and not target.is_cut
+                self._receive(key, alone, self._stale(key, alone, [target]), casts=casts)
+                found.append(self._store.sums[target.key, key])
         return found or [self._estimated(target)]
 
-    def _estimated(self, target: _Target) -> tuple[Any, Any]:
+    def _estimated(self, target: Target) -> tuple[Any, Any]:
         """Return the estimated light of photographs in the form of sums."""
-        group, version = target.group, (target.group.field.radiance, target.version)
-        held = self._store.estimates.get(group.slot)
+        whole, kept = target.capture, self._store
+        colors = whole.group.field.radiance, whole.version
+        found = kept.captured.get(whole.key)
+        if found is None or found[0] != colors:
+            spec = whole.group.field.spec
+            found = colors, estimate(spec.cloud, spec.color_space, whole.surface)
+            kept.captured[whole.key] = found
+        version = colors, target.version
+        held = kept.estimates.get(target.key)
         if held is None or held[0] != version:
-            spec, surface = group.field.spec, group.field.surface_values(None)
-            light = estimate(spec.cloud, spec.color_space, surface).light
-            rows = self._device.fetch(self._rows(group))
-            sums = np.tile(light[rows], (len(group.placements.transforms), 2))
+            light = found[1].on(target.surface)
+            rows = self._device.fetch(self._rows(target))
+            sums = np.tile(light[rows], (target.group.instances, 2))
             held = version, self._device.keep(np.ascontiguousarray(sums))
-            self._store.estimates[group.slot] = held
+            kept.estimates[target.key] = held
         return held
-
-
-def _appearances(casters: DrawList, layout: DrawList) -> dict[int, list[int]]:
-    """Return the numbers among the casters of the instances of each group, by its first slot."""
-    of_field: dict[int, list[int]] = {}
-    for group in casters.groups:
-        numbers = of_field.setdefault(id(group.field), [])
-        numbers.extend(range(group.first, group.first + len(group.placed)))
-    found = {}
-    for group in layout.groups:
-        if not group.field.is_node:
-            numbers = of_field[id(group.field)]
-            count = len(group.placed)
-            found[group.slot], of_field[id(group.field)] = numbers[:count], numbers[count:]
-    return found
 
 
 def lighting_of(
@@ -381,7 +387,7 @@ def lighting_of(
     cancel: CancelToken | None = None,
 ) -> Lighting | None:
     """Return the light of a sample, see `Lighting`; None if the picture does not depend on it."""
-    if not is_needed(scene, settings, aovs):
+    if not is_needed(scene, view, settings, aovs):
         return None
     wants = "shadow" in aovs
     return Lighting(

@@ -7,11 +7,19 @@ from collections.abc import Set as AbstractSet
 from usdsplat.kernels import lighting
 from usdsplat.render.fields import Field
 from usdsplat.render.lights.light_maps import KEPT_BYTES
-from usdsplat.render.lights.needs import is_needed, mode_of, receives, with_catchers
+from usdsplat.render.lights.needs import (
+    has_shadows,
+    is_needed,
+    mode_of,
+    receives,
+    with_catchers,
+)
 from usdsplat.render.lights.specs import LightSpec
+from usdsplat.render.lights.trees import cut_size
 from usdsplat.render.scene import RenderScene
 from usdsplat.render.settings import RenderSettings
 from usdsplat.render.specs import View
+from usdsplat.render.splat_normals import working_bytes
 
 RECEIVER = 8 * 3 + 4 * (4 + 6 + 3)
 """Bytes of a splat as a receiver: place, normal, shape, gains."""
@@ -19,6 +27,8 @@ CASTER = 300
 """Bytes of a splat in the picture of a light: records by slot and in order, ray hits, lists."""
 ESTIMATE = 8 * (9 + 9 + 3 * 5)
 """Bytes of a splat while the light of its photographs is estimated: harmonics, colours."""
+NORMAL = 20
+"""Bytes of the normal, confidence and occlusion of a splat of a node."""
 DEPTH = 8
 """Bytes of a pixel of the picture of meshes."""
 
@@ -30,7 +40,7 @@ def lighting_uses(
     scene: RenderScene, view: View, settings: RenderSettings, aovs: AbstractSet[str]
 ) -> list[Use]:
     """Return the buffers of a frame that lighting uses, see `memory.buffers_of`."""
-    is_lit = is_needed(scene, settings, aovs)
+    is_lit = is_needed(scene, view, settings, aovs)
     ratios = is_lit and "shadow" in aovs
     casts = ratios or settings.lighting != "captured"
     meshes = is_lit and bool(scene.drawn_meshes())
@@ -48,15 +58,17 @@ def lighting_uses(
 
 
 def lighting_bytes(
-    scene: RenderScene, settings: RenderSettings, aovs: AbstractSet[str]
+    scene: RenderScene, view: View, settings: RenderSettings, aovs: AbstractSet[str]
 ) -> tuple[int, int]:
-    """Return the bytes of receivers, and those of depth maps, which are kept up to a limit."""
-    if not is_needed(scene, settings, aovs):
+    """Return the bytes of receivers, but nodes of trees, and those of depth maps, which are kept up
+    to a limit."""
+    if not is_needed(scene, view, settings, aovs):
         return 0, 0
-    wants, count = "shadow" in aovs, len(scene.named_lights)
-    fields = [f for f in scene.visible_fields() if wants or receives(f.spec, settings)]
+    wants = "shadow" in aovs
+    fields = [f for f in scene.visible_fields() if wants or receives(f, settings, view.light_rules)]
     receivers = sum(len(field.instances) * len(field.spec.cloud) for field in fields)
-    relit = [field for field in fields if mode_of(field.spec, settings) == "relit"]
+    rules = view.light_rules
+    relit = [field for field in fields if mode_of(field, settings, rules) == "relit"]
     photographed = [_captured(scene, field) for field in relit]
     own, guessed = 0, 0
     for field, lights in zip(relit, photographed, strict=True):
@@ -68,15 +80,47 @@ def lighting_bytes(
         guessed = max(guessed, 0 if lights else splats)
     own += ESTIMATE * guessed
     casters = scene.draw_list(settings.splat_budget).slots
+    if wants or has_shadows(scene, view, settings):
+        more, kept = _of_cuts(scene, settings)
+        casters, own = casters + more, own + kept
     pixels = settings.shadow_resolution**2 if scene.drawn_meshes() else 0
     one = CASTER * casters + DEPTH * pixels
     shining = list(scene.named_lights.values())
     if settings.self_shadows:
         shining += [light for lights in photographed for light in lights]
     maps = one * sum(_samples(light, settings) for light in shining)
-    domes = _domes(scene)
-    sums = 4 * lighting.SUMS * (count + 1 + bool(domes))
-    return receivers * (RECEIVER + sums) + own, min(maps, KEPT_BYTES) + one
+    return receivers * (RECEIVER + _sums(scene)) + own, min(maps, KEPT_BYTES) + one
+
+
+def node_bytes(
+    scene: RenderScene, view: View, settings: RenderSettings, aovs: AbstractSet[str], splats: int
+) -> int:
+    """Return the bytes of so many splats of nodes of trees as receivers."""
+    if not is_needed(scene, view, settings, aovs):
+        return 0
+    rules = view.light_rules
+    modes = {mode_of(tree, settings, rules) for _, tree in scene.drawn_trees()}
+    if "shadow" not in aovs and modes == {"captured"}:
+        return 0
+    return splats * (RECEIVER + NORMAL + _sums(scene) * (1 + ("relit" in modes)))
+
+
+def _of_cuts(scene: RenderScene, settings: RenderSettings) -> tuple[int, int]:
+    """Return the number of splats of the cuts of trees, each instance counted, and the bytes of the
+    cuts."""
+    casters, kept, sizes = 0, 0, []
+    for _, tree in scene.drawn_trees():
+        size, count = min(cut_size(scene, settings), tree.spec.captured), len(tree.instances)
+        casters += size * count
+        kept += size * (tree.spec.splat_bytes + _sums(scene) * count)
+        sizes.append(size)
+    return casters, kept + working_bytes(sizes)
+
+
+def _sums(scene: RenderScene) -> int:
+    """Return the bytes of the light of a splat: of each light, and of all of them."""
+    count = len(scene.named_lights)
+    return 4 * lighting.SUMS * (count + 1 + bool(_domes(scene)))
 
 
 def _captured(scene: RenderScene, field: Field) -> list[LightSpec]:

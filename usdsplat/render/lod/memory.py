@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from usdsplat.render import memory
+from usdsplat.render.lights.memory import node_bytes
 from usdsplat.render.lod.nodes import view_cut
 from usdsplat.render.memory import Estimate, PictureRequest
 from usdsplat.render.scene import RenderScene
@@ -74,7 +75,8 @@ def estimate(
         return found
     load = view_load(scene, view, settings)
     more = max(0, load.bytes - scene.node_cache.bytes)
-    buffers = request.pictures * load.splats * PER_SPLAT
+    lit = node_bytes(scene, view, settings, set(request.aovs), load.splats)
+    buffers = request.pictures * (load.splats * PER_SPLAT + lit)
     x0, _, x1, _ = view.framing.window
     band = request.pictures * found.rows * (x1 - x0) * PER_PIXEL
     return replace(

@@ -294,11 +294,13 @@ class PictureNodes:
                     sorting_mode=spec.sorting_mode,
                     footprint=spec.footprint,
                     grade=spec.grade,
+                    lighting=spec.lighting,
+                    captured_lights=spec.captured_lights,
                 ),
                 crops=tree.crops,
                 spatial_order=StorageOrder(),
                 first_element=int(tree.elements[int(is_inner), node]),
-                is_node=True,
+                tree=path,
                 is_inner=is_inner,
             )
         return found

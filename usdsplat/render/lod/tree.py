@@ -21,6 +21,7 @@ from usdsplat.render.specs import (
     NO_GRADE,
     CropSpec,
     InstanceSpec,
+    LightingMode,
     ProjectionMode,
     RasterizeMode,
     SortingMode,
@@ -57,6 +58,10 @@ class TreeSpec:
     sorting_mode: SortingMode = "zDepth"
     footprint: float = 0.0
     grade: tuple[float, ...] = NO_GRADE
+    lighting: LightingMode = "auto"
+    captured_lights: tuple[str, ...] = ()
+    is_catcher: bool = False
+    """See `FieldSpec`, as the two above."""
 
     def drawn_mode(self, mode: str) -> RasterizeMode:
         """Return how the low-pass changes the opacity of leaves, as for fields."""
@@ -87,7 +92,7 @@ class TreeSpec:
         grade, which each picture compares."""
         names = (
             "degree", "color_space", "rasterize_mode", "projection_mode", "sorting_mode",
-            "footprint",
+            "footprint", "lighting", "captured_lights",
         )  # fmt: skip
         same = all(getattr(self, name) == getattr(other, name) for name in names)
         return same and np.array_equal(self.first_elements(), other.first_elements())
