@@ -8,6 +8,7 @@ from typing import Any
 from usdsplat.core.cancel import CancelToken
 from usdsplat.delegate.render_buffer import RenderBuffer
 from usdsplat.delegate.render_param import RenderParam
+from usdsplat.render.patience import Patience
 from usdsplat.render.renderer import Renderer, TimeSampler
 from usdsplat.render.settings import RenderSettings
 from usdsplat.render.specs import View
@@ -63,8 +64,8 @@ class RenderPass:
         first = True
         scene = self._param.scene
         drawn = self._renderer.render(
-            scene, view, settings, aovs, sampler=sampler, cancel=cancel,
-            waits_for_light=waits_for_light,
+            scene, view, settings, aovs, sampler=sampler,
+            patience=Patience(cancel=cancel, light=waits_for_light),
         )  # fmt: skip
         for band in drawn:
             is_whole = (band.y0, band.y1) == (top, bottom)

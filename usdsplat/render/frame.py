@@ -238,7 +238,7 @@ def prepare(
     inner = _inner_screen(view, window, sample) if frame.nodes else None
     lighting = lighting_of(
         frame.rasterizer, frame.buffers, frame.settings, scene, view, layout, aovs,
-        waits=frame.waits_for_light, cancel=frame.clock.cancel,
+        frame.patience,
     )  # fmt: skip
     gains = NO_GAINS if lighting is None else lighting.gains
     if lighting is not None:

@@ -5,12 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from pxr import Gf, Sdf, UsdGeom, UsdLux
+from pxr import Gf, Sdf, UsdLux
 
 from usdsplat.core.cloud import F64
 from usdsplat.preview.camera import Vector
 from usdsplat.preview.stage_model.edits import Edits
 from usdsplat.render.specs import CameraSpec
+from usdsplat.schema.stage_values import up_axis
 
 ABOVE_LEFT = (-0.55, 0.7, 0.45)
 """Direction to a key light: right, up and back of the view."""
@@ -57,7 +58,7 @@ def add_dome_light(edits: Edits, texture: Path | None = None) -> str:
         if texture is not None:
             light.CreateTextureFileAttr(Sdf.AssetPath(str(texture)))
             light.CreateTextureFormatAttr(UsdLux.Tokens.latlong)
-        if UsdGeom.GetStageUpAxis(edits.stage) == UsdGeom.Tokens.z:
+        if up_axis(edits.stage) == "Z":
             light.AddRotateXOp().Set(90.0)
     return str(path)
 

@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from usdsplat.core.cancel import CancelToken
 from usdsplat.core.cloud import F32, I32
 from usdsplat.kernels import lighting, receivers, total
 from usdsplat.kernels.points.curve_order import curve_order
@@ -34,6 +33,7 @@ from usdsplat.render.lights.specs import LightSpec
 from usdsplat.render.lights.targets import Key, Target, targets_of
 from usdsplat.render.lights.trees import Casters, casters_of
 from usdsplat.render.matte import is_matte
+from usdsplat.render.patience import ENDLESS, Patience
 from usdsplat.render.rasterizer import Rasterizer
 from usdsplat.render.scene import RenderScene
 from usdsplat.render.screen import Screen
@@ -53,10 +53,7 @@ class Lighting:
         view: A view with all shadow catchers, see `with_catchers`.
         layout: The splats that are drawn.
         wants_ratios: Whether the AOV of shadows is drawn.
-        waits: Whether to compute the light of this scene. Else splats keep their last light, or
-            have that of the capture if there is none, and lights whose depth maps are not kept
-            shine on surfaces without shadows.
-        cancel: Ends the computation after the current sample of a light.
+        patience: Whether the light of this scene is computed, and what ends it.
     """
 
     def __init__(
@@ -69,8 +66,7 @@ class Lighting:
         layout: DrawList,
         *,
         wants_ratios: bool,
-        waits: bool = True,
-        cancel: CancelToken | None = None,
+        patience: Patience = ENDLESS,
     ) -> None:
         self._rasterizer, self._device = rasterizer, rasterizer.device
         self._buffers = buffers
@@ -80,7 +76,7 @@ class Lighting:
         self._settings, self._scene = settings, scene
         self._catchers, self._rules = view.catchers, view.light_rules
         self._layout, self._wants_ratios = layout, wants_ratios
-        self._waits, self._cancel = waits, cancel or CancelToken()
+        self._waits, self._cancel = patience.light, patience.token
         self.is_behind = False
         """Whether something is shown without the light of this scene."""
         self.steps = 0
@@ -105,12 +101,12 @@ class Lighting:
             rasterizer=rasterizer, settings=settings, scene=scene, casters=self._casters,
             catches=lambda path: is_matte(path, catchers), version=self._version,
             kept=self._store.maps, meshes=self._store.meshes,
-            buffers=MapBuffers(rasterizer.device.resident), draws=waits,
+            buffers=MapBuffers(rasterizer.device.resident), draws=self._waits,
         )  # fmt: skip
         self._is_shadowed = settings.lighting != "captured"
         last = self._store.last
         version = light_version(scene, view, settings, layout, self._version[:-1], wants_ratios)
-        if waits:
+        if self._waits:
             self.gains, self.ratios = self._of_splats()
             last.keep(version, layout, self.gains, self.ratios)
         else:
@@ -382,15 +378,13 @@ def lighting_of(
     view: View,
     layout: DrawList,
     aovs: Sequence[str],
-    *,
-    waits: bool = True,
-    cancel: CancelToken | None = None,
+    patience: Patience = ENDLESS,
 ) -> Lighting | None:
     """Return the light of a sample, see `Lighting`; None if the picture does not depend on it."""
     if not is_needed(scene, view, settings, aovs):
         return None
     wants = "shadow" in aovs
     return Lighting(
-        rasterizer, buffers, settings, scene, view, layout, wants_ratios=wants, waits=waits,
-        cancel=cancel,
+        rasterizer, buffers, settings, scene, view, layout, wants_ratios=wants,
+        patience=patience,
     )  # fmt: skip
