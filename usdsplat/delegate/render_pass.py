@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from usdsplat.core.cancel import CancelToken
 from usdsplat.delegate.render_buffer import RenderBuffer
 from usdsplat.delegate.render_param import RenderParam
-from usdsplat.render.patience import Patience
+from usdsplat.render.patience import ENDLESS, Patience
 from usdsplat.render.renderer import Renderer, TimeSampler
 from usdsplat.render.settings import RenderSettings
 from usdsplat.render.specs import View
@@ -30,8 +29,7 @@ class RenderPass:
         buffers: Mapping[str, RenderBuffer],
         *,
         sampler: TimeSampler | None = None,
-        cancel: CancelToken | None = None,
-        waits_for_light: bool = True,
+        patience: Patience = ENDLESS,
     ) -> bool:
         """Draw unless the buffers already hold this picture; return whether it was drawn.
 
@@ -44,7 +42,7 @@ class RenderPass:
         if wanted == self._drawn:
             return False
         self._drawn = None
-        self._draw(view, settings, aovs, buffers, sampler, cancel, waits_for_light)
+        self._draw(view, settings, aovs, buffers, sampler, patience)
         stats = self._renderer.stats
         if sampler is None and not stats.missing and not stats.lacks_light:
             self._drawn = wanted
@@ -57,15 +55,14 @@ class RenderPass:
         aovs: tuple[str, ...],
         buffers: Mapping[str, RenderBuffer],
         sampler: TimeSampler | None,
-        cancel: CancelToken | None,
-        waits_for_light: bool,
+        patience: Patience,
     ) -> None:
         _, top, _, bottom = view.framing.window
         first = True
         scene = self._param.scene
         drawn = self._renderer.render(
             scene, view, settings, aovs, sampler=sampler,
-            patience=Patience(cancel=cancel, light=waits_for_light),
+            patience=patience,
         )  # fmt: skip
         for band in drawn:
             is_whole = (band.y0, band.y1) == (top, bottom)

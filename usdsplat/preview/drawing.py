@@ -44,6 +44,7 @@ from usdsplat.preview.tree_levels import Levels
 from usdsplat.preview.values import Image, Picture, ViewState
 from usdsplat.render.frame_stats import FrameStats
 from usdsplat.render.memory import resident
+from usdsplat.render.patience import Patience
 
 FIXED = ("project", "shade", "find ray hits", "find features", "sort")
 """Stages of the renderer whose time does not depend on the resolution."""
@@ -305,10 +306,8 @@ class Drawing:
                 lasts = lasts and not job.waits_for_light
             if have is None or not lasts or not set(aovs) <= have.arrays.keys():
                 engine = job.scene.engine
-                arrays = engine.picture(
-                    job.view, job.settings, aovs, sync=False, cancel=cancel,
-                    waits_for_light=job.waits_for_light,
-                )  # fmt: skip
+                patience = Patience(cancel=cancel, light=job.waits_for_light)
+                arrays = engine.picture(job.view, job.settings, aovs, sync=False, patience=patience)
                 have = _Drawn(arrays, engine.stats)
                 new.append(have.stats)
             self._drawn[key] = have
