@@ -28,6 +28,7 @@ ELSEWHERE = {
     **dict.fromkeys(("--gpu", "--cpu"), "--device"),
     **dict.fromkeys(("--workers", "--processes"), "--jobs"),
     "--bg": "--background",
+    "--serve": "--web",
     "--rendersettingsprimpath": "--settings",
 }
 """Flag of usdrecord, husk or another tool, in lower case -> our flag for the same."""

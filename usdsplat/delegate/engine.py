@@ -6,7 +6,6 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from typing import Any, Literal
 
-from usdsplat.core.cancel import CancelToken
 from usdsplat.core.cloud import SplatCloud
 from usdsplat.core.errors import UsageError
 from usdsplat.core.findings import Finding
@@ -27,6 +26,7 @@ from usdsplat.render.deep_samples import DeepSamples
 from usdsplat.render.frame_stats import FrameStats
 from usdsplat.render.lod.memory import estimate
 from usdsplat.render.memory import COLOR_ALONE, Estimate, PictureRequest
+from usdsplat.render.patience import ENDLESS, Patience
 from usdsplat.render.renderer import ReadHoldout, TimeSampler, depends_on_time
 from usdsplat.render.scene import RenderScene
 from usdsplat.render.settings import RenderSettings
@@ -311,14 +311,14 @@ class Engine:
         aovs: tuple[str, ...] = ("color",),
         *,
         sync: bool = True,
-        cancel: CancelToken | None = None,
+        patience: Patience = ENDLESS,
     ) -> dict[str, Pixels]:
         """Return a whole picture; it is drawn only if it differs from the last one.
 
         Args:
             view, settings, aovs: As for `render`.
             sync: False draws the last synced state; only motion blur and AOVs of motion read USD.
-            cancel: Ends the picture after its current stage; `Cancelled` is raised.
+            patience: What it waits for; `Cancelled` is raised if it ends the picture.
 
         Returns:
             Pixels of the data window by AOV, read-only, shape (height, width) or, for color,
@@ -330,7 +330,7 @@ class Engine:
         settings = self._resolved(settings)
         buffers = {name: self._index.buffer(name) for name in aovs}
         draw, sampler = self._drawer.render_pass.execute, self._times(view, settings, aovs)
-        draw(view, settings, aovs, buffers, sampler=sampler, cancel=cancel)
+        draw(view, settings, aovs, buffers, sampler=sampler, patience=patience)
         return {name: buffer.map() for name, buffer in buffers.items()}
 
     def estimate(

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from usdsplat.core.cancel import CancelToken
 from usdsplat.delegate.render_buffer import RenderBuffer
 from usdsplat.delegate.render_param import RenderParam
+from usdsplat.render.patience import ENDLESS, Patience
 from usdsplat.render.renderer import Renderer, TimeSampler
 from usdsplat.render.settings import RenderSettings
 from usdsplat.render.specs import View
@@ -29,21 +29,22 @@ class RenderPass:
         buffers: Mapping[str, RenderBuffer],
         *,
         sampler: TimeSampler | None = None,
-        cancel: CancelToken | None = None,
+        patience: Patience = ENDLESS,
     ) -> bool:
         """Draw unless the buffers already hold this picture; return whether it was drawn.
 
         A picture depends only on frozen values and the scene's version, so one comparison decides.
         Pictures that include other times, by `sampler`, are always drawn: an edit at another time
         need not change the scene now. So are pictures after one that lacks nodes of splat trees,
-        which may have been read since. So is a picture that was cancelled.
+        which may have been read since, or that lacks light. So is a picture that was cancelled.
         """
         wanted = (self._param.version, view, settings, aovs)
         if wanted == self._drawn:
             return False
         self._drawn = None
-        self._draw(view, settings, aovs, buffers, sampler, cancel)
-        if sampler is None and not self._renderer.stats.missing:
+        self._draw(view, settings, aovs, buffers, sampler, patience)
+        stats = self._renderer.stats
+        if sampler is None and not stats.missing and not stats.lacks_light:
             self._drawn = wanted
         return True
 
@@ -54,12 +55,15 @@ class RenderPass:
         aovs: tuple[str, ...],
         buffers: Mapping[str, RenderBuffer],
         sampler: TimeSampler | None,
-        cancel: CancelToken | None,
+        patience: Patience,
     ) -> None:
         _, top, _, bottom = view.framing.window
         first = True
         scene = self._param.scene
-        drawn = self._renderer.render(scene, view, settings, aovs, sampler=sampler, cancel=cancel)
+        drawn = self._renderer.render(
+            scene, view, settings, aovs, sampler=sampler,
+            patience=patience,
+        )  # fmt: skip
         for band in drawn:
             is_whole = (band.y0, band.y1) == (top, bottom)
             for name in aovs:

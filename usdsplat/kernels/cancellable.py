@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from usdsplat.core.cancel import CancelToken
-from usdsplat.kernels import bins, blend, median, project, radiance, sort, walk
+from usdsplat.kernels import bins, blend, lighting, median, project, radiance, sort, walk
 from usdsplat.kernels.bins import TILE
 from usdsplat.kernels.device import CpuDevice
 
@@ -22,6 +22,8 @@ BLOCKS = 48
 """Blocks of splats in a part, for each thread."""
 TILES = 96
 """Tiles in a part, at least, for each thread."""
+RECEIVERS = 1 << 12
+"""Receivers of light in a part, for each thread."""
 ROWS = 1 << 18
 """Splats in a part that only copies them, for each thread."""
 
@@ -173,6 +175,17 @@ def median_parts(args: tuple[Any, ...], threads: int) -> Iterator[tuple[Any, ...
         )  # fmt: skip
 
 
+def illuminate_parts(args: tuple[Any, ...], threads: int) -> Iterator[tuple[Any, ...]]:
+    """Return arguments of `lighting.illuminate` for some receivers at a time."""
+    light, points, normals, shapes, prims, *others, sums = args
+    for k in range(0, len(points), RECEIVERS * threads):
+        part = slice(k, k + RECEIVERS * threads)
+        yield (
+            light, points[part], normals[part], shapes[part] if len(shapes) else shapes,
+            prims[part] if len(prims) else prims, *others, sums[part],
+        )  # fmt: skip
+
+
 def walk_parts(args: tuple[Any, ...], threads: int) -> Iterator[tuple[Any, ...]]:
     """Return arguments of `walk.walk` for a few rows of tiles at a time; those of deep pictures and
     with a holdout, which no window draws, are left whole."""
@@ -207,5 +220,6 @@ PARTS: dict[Callable[..., Any], Callable[[tuple[Any, ...], int], Iterator[tuple[
     blend.blend: blend_parts,
     median.median: median_parts,
     walk.walk: walk_parts,
+    lighting.illuminate: illuminate_parts,
 }
 """Kernel that may take long -> the function that divides its arguments."""

@@ -23,6 +23,7 @@ from usdsplat.preview import boxes
 from usdsplat.preview.compiling import telling
 from usdsplat.preview.display import Display
 from usdsplat.preview.drawing import Drawing
+from usdsplat.preview.drawing_progress import telling_phases
 from usdsplat.preview.scenes import Scenes
 from usdsplat.preview.sides import Shown
 from usdsplat.preview.sources import Sources
@@ -136,7 +137,7 @@ class Document:
             if change.structure and self.simulation is not None:
                 self.simulation.look()
             self.publish(change)
-        with telling(self.publish):
+        with telling(self.publish), telling_phases(self.publish):
             picture = self._drawing.draw(state, self.lock, self._overlays.find, cancel=cancel)
         if picture is None:
             return False
@@ -183,6 +184,12 @@ class Document:
             found = self.engine.render_scene.seen(paths)
         box = self.bounds(paths) if found is None else None
         return found if box is None else of_box(box)
+
+    @property
+    def has_trees(self) -> bool:
+        """Whether splat trees are drawn at the current time."""
+        with self.lock:
+            return bool(self.engine.render_scene.drawn_trees())
 
     def frame_anew(self) -> None:
         """Let the default camera frame the current scene again."""

@@ -8,6 +8,9 @@ lock.
 
 A picture that is cancelled ends after its current stage; on the CPU, within long stages too.
 
+Light that takes long is computed while the view rests. Pictures before that one, and those of
+movements, show the last light.
+
 Pictures of a viewport do not wait until the nodes of splat trees are read: coarser ones are drawn
 in their place, and the picture is drawn again when some were read. Stills wait, and no budget
 limits them.
@@ -31,19 +34,23 @@ from usdsplat.delegate.engine import Engine
 from usdsplat.delegate.render_buffer import Pixels
 from usdsplat.kernels.compiling import compile_time
 from usdsplat.preview.display import Display, needed
+from usdsplat.preview.light_times import LightTimes
 from usdsplat.preview.overlays import Overlays
 from usdsplat.preview.pacing import FULL, Load, Pacer, Quality
 from usdsplat.preview.scenes import Scene, Scenes
 from usdsplat.preview.sides import Job, Shown, Side, cut_of, job_of, view_of
+from usdsplat.preview.told import told
 from usdsplat.preview.tree_levels import Levels
 from usdsplat.preview.values import Image, Picture, ViewState
 from usdsplat.render.frame_stats import FrameStats
 from usdsplat.render.memory import resident
+from usdsplat.render.patience import Patience
 
 FIXED = ("project", "shade", "find ray hits", "find features", "sort")
 """Stages of the renderer whose time does not depend on the resolution."""
-ONCE = ("lay out",)
-"""Stages that only the first picture of some splats has: they count to no picture's cost."""
+ONCE = ("lay out", "light splats")
+"""Stages that only the first picture of some splats or lights has: they count to no picture's
+cost."""
 
 FindOverlays = Callable[[Engine, ViewState], Overlays]
 
@@ -76,6 +83,9 @@ class Drawing:
         """Parts of nodes of splat trees that the last picture lacks."""
         self._reads = 0
         """Number of reads of nodes when it was begun."""
+        self._lacks_light = False
+        """Whether the last picture shows an earlier light."""
+        self._light_times = LightTimes()
         self._prepared: tuple[Any, ...] = ()
         """Scenes and budgets for which the next movement is prepared."""
         self._changed = 0
@@ -127,13 +137,18 @@ class Drawing:
             finally:
                 self._forget_closed()
             found = overlays(scenes[0].engine, state)
-            warnings = _told(scenes[0].engine)
+            warnings = told(scenes)
             wanted = _key(state, scenes, found, warnings)
             quality = FULL if is_still else self._quality(state, wanted, scenes)
-            jobs = [job_of(state, scene, quality, waits=is_still) for scene in scenes]
+            lights = self._lights(state, wanted, scenes, quality, is_still=is_still)
+            jobs = [
+                job_of(state, scene, quality, waits=is_still, waits_for_light=waits)
+                for scene, waits in zip(scenes, lights, strict=True)
+            ]
             reads_stage = any(job.reads_stage for job in jobs)
             reads = _reads(scenes)
             is_finer = self._missing and (is_still or reads != self._reads)
+            is_finer = is_finer or (self._lacks_light and all(lights))
             if reads_stage:
                 self._scenes.author()
             changes = self._changes()
@@ -145,11 +160,12 @@ class Drawing:
             synced = time.perf_counter()
             if not reads_stage:
                 holding.close()
-            self._wanted = None
+            self._wanted, before = None, self._drawn
             try:
                 with compile_time() as compiled:
                     new = self._render(jobs, cancel)
             except Cancelled:
+                self._drawn = before
                 return None
             if reads_stage:  # the engines went to other times and came back: other versions
                 scenes = self._scenes.synced(state)
@@ -162,7 +178,10 @@ class Drawing:
         ended = time.perf_counter()
         stats = [each.stats for each in self._drawn.values()]
         self._missing, self._reads = sum(each.missing for each in stats), reads
+        self._lacks_light = any(each.lacks_light for each in stats)
         milliseconds = _added(each.wall_ms for each in new)
+        if not compiled():
+            self._light_times.note(scenes, new)
         if len(new) == len(stats) and not compiled():
             load = _load(state, scenes)
             if self._missing:
@@ -180,13 +199,18 @@ class Drawing:
             camera=scenes[0].camera,
             number=self._number,
             scale=quality.scale,
-            is_final=quality.is_whole and not state.is_moving and not self._missing,
+            is_final=quality.is_whole
+            and not state.is_moving
+            and not self._missing
+            and not self._lacks_light,
             missing=self._missing,
+            lacks_light=self._lacks_light,
             splats=stats[0].visible,
             total=stats[0].total,
             milliseconds=milliseconds,
             megabytes=1e-6 * resident(),
             device=scenes[0].engine.device,
+            lights=len(scenes[0].engine.render_scene.named_lights),
             boxes=found.boxes,
             overlays=found,
             warnings=warnings,
@@ -238,6 +262,22 @@ class Drawing:
             is_same = False  # the intermediate quality, until a picture in full will stay
         return self._pacer.resting(self.shown.quality if self.shown and is_same else None, load)
 
+    def _lights(
+        self,
+        state: ViewState,
+        wanted: tuple[Any, ...],
+        scenes: tuple[Scene, ...],
+        quality: Quality,
+        *,
+        is_still: bool,
+    ) -> list[bool]:
+        """Return whether each side waits for its light: the last of the pictures at rest does, and
+        others if that is quick."""
+        shown = self.shown
+        is_last = self._lacks_light and wanted == self._wanted and not state.is_moving
+        is_last = is_last and shown is not None and shown.quality.is_at_least(quality)
+        return [is_still or is_last or self._light_times.is_quick(each) for each in scenes]
+
     def _is_shown(self, state: ViewState, quality: Quality) -> bool:
         """Return whether the last picture has this quality.
 
@@ -262,9 +302,12 @@ class Drawing:
         for key, (job, aovs) in asked.items():
             have = known.get(key)
             lasts = have is not None and not (job.reads_stage or have.stats.missing)
+            if have is not None and have.stats.lacks_light:
+                lasts = lasts and not job.waits_for_light
             if have is None or not lasts or not set(aovs) <= have.arrays.keys():
                 engine = job.scene.engine
-                arrays = engine.picture(job.view, job.settings, aovs, sync=False, cancel=cancel)
+                patience = Patience(cancel=cancel, light=job.waits_for_light)
+                arrays = engine.picture(job.view, job.settings, aovs, sync=False, patience=patience)
                 have = _Drawn(arrays, engine.stats)
                 new.append(have.stats)
             self._drawn[key] = have
@@ -308,12 +351,6 @@ def _key(
 ) -> tuple[Any, ...]:
     """Return what a picture shows, in whatever quality."""
     return replace(state, is_moving=False), *(each.place for each in scenes), found, warnings
-
-
-def _told(engine: Engine) -> tuple[str, ...]:
-    """Return what the stage asks for and does not get, and a problem of a GPU, as sentences."""
-    told = tuple(found.told for found in engine.findings)
-    return (engine.remark, *told) if engine.remark else told
 
 
 def _follow(state: ViewState, scenes: tuple[Scene, ...]) -> bool:

@@ -42,6 +42,8 @@ class Editor:
     """Meaning of None, such as "unlimited"; "" for a value that is never None."""
     negative_label: str = ""
     """Meaning of all negative numbers, such as "auto"; "" where they are as good as others."""
+    zero_label: str = ""
+    """Meaning of 0, such as "all"; "" for a number like others."""
     minimum: float | None = None
     """Minimum, for each element of a vector; None for no limit."""
     maximum: float | None = None
@@ -118,6 +120,7 @@ _WORDS = {
     "sh": "SH",
     "usd": "USD",
     "color": "colour",
+    "colors": "colours",
     "colormap": "colour map",
     "neighbors": "neighbours",
     "rasterize": "rasterise",

@@ -6,11 +6,12 @@ one arrives are dropped.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
 from usdsplat.preview.latest_request import Asks, LatestRequest
+from usdsplat.preview.overlays import LightMark
 from usdsplat.preview.stage_model.placing import transform
 from usdsplat.render.specs import Matrix
 
@@ -38,13 +39,20 @@ class Placing:
         self._path = ""
         self._drags = 0
         self._verb = "Move"
+        self._known: dict[str, Matrix] = {}
         self.placement: Placement | None = None
         """None if nothing movable is selected, and until it is known."""
+
+    def note(self, lights: Iterable[LightMark]) -> None:
+        """Note where the lights of a picture are: the placement of one is known once selected."""
+        self._known = {mark.path: mark.matrix for mark in lights}
 
     def follow(self, path: str, time: float | None) -> None:
         """Track a prim at a time; "" for none."""
         if path != self._path:
-            self._path, self.placement = path, None
+            known = self._known.get(path)
+            self._path = path
+            self.placement = None if known is None else Placement(path=path, matrix=known)
         if path:
             self._questions.ask(lambda document: _placement(document, path, time), self._keep)
 
@@ -59,6 +67,8 @@ class Placing:
         if not path:
             return
         self.placement = Placement(path=path, matrix=matrix)
+        if path in self._known:
+            self._known[path] = matrix
 
         self._moves.ask(
             lambda document: document.edits.set_transform(

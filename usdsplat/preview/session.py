@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import logging
 import threading
+import time
 from collections import deque
 from collections.abc import Callable
 from typing import Any, TypeVar
@@ -28,7 +29,33 @@ T = TypeVar("T")
 Listener = Callable[[Event], None]
 Task = tuple[Callable[[Document], Any], Callable[[Any], None], Callable[[UsdSplatError], None]]
 
+PATIENCE = 0.3
+"""Time after which a change ends the picture of a view at rest [s]. A quicker one is finished, or
+a steady change would show none."""
+WANTED = ("camera", "look", "other", "purposes", "selected", "shows_bounds", "shows_edges")
+"""Fields of the state whose change ends a picture of a view at rest. The others change steadily
+without a movement, such as the time of a running simulation, or need no new drawing."""
+
 LOG = logging.getLogger("usdsplat")
+
+
+class _PictureToken(CancelToken):
+    """A token that is cancelled at once, or when its picture has had its time."""
+
+    def __init__(self, state: ViewState | None) -> None:
+        super().__init__()
+        self.state = state
+        self._began = time.monotonic()
+        self._is_outdated = False
+
+    def outdate(self) -> None:
+        """Let the picture end once it has taken `PATIENCE`."""
+        self._is_outdated = True
+
+    def check(self) -> None:
+        if self._is_outdated and time.monotonic() - self._began > PATIENCE:
+            self.cancel()
+        super().check()
 
 
 class Session:
@@ -52,7 +79,7 @@ class Session:
         self._state: ViewState | None = None
         self._is_stale = True
         self._is_closing = False
-        self._picture = CancelToken()
+        self._picture = _PictureToken(None)
         self._is_resting = False
         """Whether the picture in progress is of a view at rest, which a movement cancels. Pictures
         of movements are fast, and each is finished, or a steady movement would show none."""
@@ -85,9 +112,20 @@ class Session:
         """Set the view state; an earlier one that is not drawn yet is dropped."""
         with self._changed:
             self._state = state
+            drawn = self._picture.state
             if state.is_moving and self._is_resting:
                 self._picture.cancel()
+            elif drawn is not None and any(
+                getattr(state, name) != getattr(drawn, name) for name in WANTED
+            ):
+                self._outdate()
             self._wake()
+
+    def interrupt(self) -> None:
+        """End a picture of a view at rest that takes long: the stage is about to be changed, or a
+        user waits for an answer. It is drawn again after the tasks."""
+        with self._changed:
+            self._outdate()
 
     def ask(
         self,
@@ -154,7 +192,7 @@ class Session:
             state = None if self._is_closing else self._state
             if task is None:
                 self._is_stale = False
-                self._picture = cancel = CancelToken()
+                self._picture = cancel = _PictureToken(state)
                 self._is_resting = state is not None and not state.is_moving
         if task is not None:
             self._do(self._document, *task)
@@ -233,6 +271,11 @@ class Session:
             failed(_bug())
         else:
             done(result)
+
+    def _outdate(self) -> None:
+        if self._is_resting:
+            self._picture.outdate()
+            self._is_stale = True
 
     def _wake(self) -> None:
         self._is_stale = True

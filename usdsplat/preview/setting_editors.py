@@ -18,6 +18,13 @@ UNNAMED = {
 """OCIO setting -> what it is without a name."""
 
 
+OTHERWISE: dict[str, dict[str, Any]] = {
+    "splat_budget": {"zero_label": "all"},
+    "sh_degree": {"label": "SH degree up to"},  # a capture may have fewer
+}
+"""Setting -> fields of its editor."""
+
+
 def setting_editors(settings: RenderSettings) -> tuple[Editor, ...]:
     """Return the editors of the settings that viewports offer; a menu's None stands for ""."""
     names = view_names(settings.ocio_config, settings.ocio_display)
@@ -27,7 +34,9 @@ def setting_editors(settings: RenderSettings) -> tuple[Editor, ...]:
         "ocio_look": names.looks,
     }
     return tuple(
-        _menu(editor, offered[editor.name]) if offered.get(editor.name) else editor
+        _menu(editor, offered[editor.name])
+        if offered.get(editor.name)
+        else replace(editor, **OTHERWISE.get(editor.name, {}))
         for editor in editors_of(settings)
         if editor.name not in NOT_IN_VIEWPORTS
     )

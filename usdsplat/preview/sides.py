@@ -57,6 +57,8 @@ class Job:
     view: View
     settings: RenderSettings
     aovs: tuple[str, ...]
+    waits_for_light: bool = True
+    """Whether light is computed; else the last one is shown."""
 
     @property
     def key(self) -> tuple[Any, ...]:
@@ -91,11 +93,14 @@ def view_of(scene: Scene, size: tuple[int, int], scale: float) -> View:
     return View(camera=replace(scene.camera, window=window), framing=framing)
 
 
-def job_of(state: ViewState, scene: Scene, quality: Quality, *, waits: bool) -> Job:
+def job_of(
+    state: ViewState, scene: Scene, quality: Quality, *, waits: bool, waits_for_light: bool = True
+) -> Job:
     """Return what to draw of a scene.
 
     Args:
         waits: Whether to wait until the nodes of splat trees are read.
+        waits_for_light: Whether to compute light that is not kept.
     """
     settings = settings_of(scene.look)
     if scene.has_trees:
@@ -105,4 +110,10 @@ def job_of(state: ViewState, scene: Scene, quality: Quality, *, waits: bool) -> 
     if quality.splats is not None:
         settings = replace(settings, splat_budget=quality.splats)
     view = view_of(scene, state.size, quality.scale)
-    return Job(scene=scene, view=view, settings=settings, aovs=needed(scene.look))
+    return Job(
+        scene=scene,
+        view=view,
+        settings=settings,
+        aovs=needed(scene.look),
+        waits_for_light=waits_for_light,
+    )

@@ -113,11 +113,16 @@ class Picture:
     """Number of splats on the stage, each instance counted."""
     missing: int = 0
     """Parts of nodes of splat trees that coarser ones replace until they are read."""
+    lacks_light: bool = False
+    """Whether it shows an earlier light, or that of the capture, until that of the stage is
+    computed."""
     milliseconds: dict[str, float] = field(default_factory=dict)
     """Wall time by stage of the frame, including "total"."""
     megabytes: float = 0.0
     """Memory of the process [MB]; 0 if the system does not report it."""
     device: str = "cpu"
+    lights: int = 0
+    """Number of lights that shine on the stage."""
     boxes: tuple[Corners, ...] = ()
     """Boxes of the selected prims that have one, in the order of `state.selected`."""
     overlays: Overlays = field(default_factory=Overlays)
@@ -203,6 +208,8 @@ class Busy:
     done: int = 0
     total: int = 0
     """Number of its parts; 0 if it is not known."""
+    of_picture: bool = False
+    """Whether it is part of drawing a picture, which shows something older until then."""
 
 
 Event = Picture | Opened | StageChanged | SimulationStatus | Problem | Busy

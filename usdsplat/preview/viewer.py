@@ -113,7 +113,8 @@ class Viewer:
         self._follow()
 
     def shown(self, picture: Picture) -> None:
-        """Record the camera of a picture; moves start from it."""
+        """Record the camera of a picture, where moves start, and the places of its lights."""
+        self._placing.note(picture.overlays.lights)
         if picture.state.camera == self.state.camera:
             self._seen = picture.camera
 

@@ -242,10 +242,13 @@ def prepare(
     frame.clock.lap("lay out")
     inner = _inner_screen(view, window, sample) if frame.nodes else None
     lighting = lighting_of(
-        frame.rasterizer, frame.buffers, frame.settings, scene, view, layout, aovs
-    )
+        frame.rasterizer, frame.buffers, frame.settings, scene, view, layout, aovs,
+        frame.patience,
+    )  # fmt: skip
     gains = NO_GAINS if lighting is None else lighting.gains
     if lighting is not None:
+        frame.stats.light_steps += lighting.steps
+        frame.stats.lacks_light |= lighting.is_behind
         frame.clock.lap("light splats")
     projector = Projector(
         frame.device, frame.buffers, layout, screen, frame.settings, frame.blend_space, inner,
@@ -355,6 +358,7 @@ def bin_band(
         surfaces = sample.surfaces.draw(y0, y1, frame.buffers)
         if sample.lighting is not None:
             surfaces = sample.lighting.lit(surfaces, sample.screen, x0, y0)
+            frame.stats.lacks_light |= sample.lighting.is_behind
         occluders = Occluders(surfaces.depth, surfaces.covered)
         frame.clock.lap("surfaces")
     if frame.holdout is not None:

@@ -17,6 +17,7 @@ from usdsplat.render.lod.nodes import PictureNodes
 from usdsplat.render.matte_groups import MatteGroups
 from usdsplat.render.occluders import ReadHoldout
 from usdsplat.render.output import Output
+from usdsplat.render.patience import ENDLESS, Patience
 from usdsplat.render.projected_splats import ProjectedSplats
 from usdsplat.render.rasterizer import Rasterizer, WholeImage
 from usdsplat.render.scene import RenderScene
@@ -70,6 +71,7 @@ class FrameContext:
     buffers: FrameBuffers
     stats: FrameStats
     clock: Clock
+    patience: Patience = ENDLESS
 
     def layout(self, scene: RenderScene, fade: tuple[float, float]) -> DrawList:
         """Return the splats of a sample, see `PictureNodes.layout`."""

@@ -22,6 +22,10 @@ class FrameStats:
     """Number of splats of the finest cut of splat trees in the windows; each instance counts."""
     missing: int = 0
     """Parts of nodes of splat trees that coarser ones replace until they are read."""
+    light_steps: int = 0
+    """Samples of lights that were computed for splats."""
+    lacks_light: bool = False
+    """Whether something is shown without the light of the scene, which was not waited for."""
     pairs: int = 0
     """Pairs of a splat and a tile that it touches."""
     blocks: int = 0
@@ -44,7 +48,7 @@ class Clock:
 
     def __init__(self, stats: FrameStats, cancel: CancelToken) -> None:
         self._stats = stats
-        self._cancel = cancel
+        self.cancel = cancel
         self.resume()
 
     def resume(self) -> None:
@@ -61,4 +65,4 @@ class Clock:
         ):
             book[stage] = book.get(stage, 0.0) + 1e3 * spent
         self._wall, self._cpu = wall, cpu
-        self._cancel.check()
+        self.cancel.check()

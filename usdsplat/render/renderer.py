@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
-from usdsplat.core.cancel import CancelToken
 from usdsplat.core.errors import BackendError, UsageError
 from usdsplat.images.aovs import LIGHT, is_light
 from usdsplat.kernels.device import CpuDevice, Device
@@ -25,6 +24,7 @@ from usdsplat.render.frame_stats import Clock, FrameStats
 from usdsplat.render.lod.nodes import PictureNodes, nodes_of
 from usdsplat.render.occluders import ReadHoldout, remembering
 from usdsplat.render.output import DISPLAY_SPACE, Output
+from usdsplat.render.patience import ENDLESS, Patience
 from usdsplat.render.rasterizer import Rasterizer
 from usdsplat.render.scene import RenderScene
 from usdsplat.render.screen import Screen
@@ -82,14 +82,16 @@ class _Workspace:
         output: Output,
         holdout: ReadHoldout | None,
         nodes: PictureNodes | None,
-        cancel: CancelToken | None = None,
+        patience: Patience = ENDLESS,
     ) -> FrameContext:
         """Return the context of a new picture."""
         stats = FrameStats()
         if nodes is not None:
             stats = FrameStats(of_trees=nodes.cut.splats, missing=nodes.missing)
         return FrameContext(
-            rasterizer=self.rasterizer if cancel is None else self.rasterizer.until(cancel),
+            rasterizer=self.rasterizer
+            if patience.cancel is None
+            else self.rasterizer.until(patience.cancel),
             surface_cache=self.surface_cache,
             sampler=sampler,
             settings=settings,
@@ -100,7 +102,8 @@ class _Workspace:
             nodes=nodes,
             buffers=self.buffers,
             stats=stats,
-            clock=Clock(stats, cancel or CancelToken()),
+            clock=Clock(stats, patience.token),
+            patience=patience,
         )
 
 
@@ -151,7 +154,7 @@ class Renderer:
         sampler: TimeSampler | None = None,
         holdout: ReadHoldout | None = None,
         band_pixels: int = BAND_PIXELS,
-        cancel: CancelToken | None = None,
+        patience: Patience = ENDLESS,
     ) -> Iterator[Band]:
         """Draw the data window of `view`, band by band from the top.
 
@@ -163,7 +166,7 @@ class Renderer:
             sampler: Scene and view at other times, for motion; None for a static scene.
             holdout: External holdout that hides splats and surfaces.
             band_pixels: Approximate number of pixels of a band.
-            cancel: Ends the picture after its current stage.
+            patience: What the picture waits for, and what ends it.
 
         Raises:
             UsageError: If an AOV is unknown, the view has no area, or the OCIO view does not exist.
@@ -186,7 +189,14 @@ class Renderer:
             output = _output(workspace.device, settings, blend_space, view)
             nodes = nodes_of(scene, sampler or still, settings, _plan(settings, view.camera))
             frame = workspace.frame(
-                sampler or still, settings, aovs, blend_space, output, holdout, nodes, cancel
+                sampler or still,
+                settings,
+                aovs,
+                blend_space,
+                output,
+                holdout,
+                nodes,
+                patience,
             )
             drawn = render_frame(frame, view.camera, screen, band_pixels)
             for band in itertools.islice(drawn, taken, None):

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from usdsplat.core.cloud import F32, I32
+from usdsplat.core.progress import phase
 from usdsplat.core.sh import dc_to_rgb
 from usdsplat.kernels.devices import open_device
 from usdsplat.kernels.points.surface_normals import surface_normals
@@ -43,10 +44,11 @@ def surface_values(spec: FieldSpec) -> SurfaceValues:
     if spec.surface is not None:
         return _authored(spec.surface)
     cloud = spec.cloud
-    found = surface_normals(
-        open_device("cpu"), cloud.positions, cloud.rotations, cloud.scales, cloud.opacities,
-        dc_to_rgb(cloud.sh[:, 0]),
-    )  # fmt: skip
+    with phase("normals", work=len(cloud)):
+        found = surface_normals(
+            open_device("cpu"), cloud.positions, cloud.rotations, cloud.scales, cloud.opacities,
+            dc_to_rgb(cloud.sh[:, 0]),
+        )  # fmt: skip
     return SurfaceValues(found.normals, np.stack([found.confidence, found.occlusion], axis=1))
 
 

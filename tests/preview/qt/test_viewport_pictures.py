@@ -96,7 +96,7 @@ def test_the_numbers_say_what_was_drawn(bench: Bench) -> None:
         warnings=("one",),
     )
     rows = dict(hud.rows_of(picture, rate=31.4))
-    assert rows["splats"] == "182\u2009404 / 1\u2009204\u2009331"
+    assert (rows["splats"], rows["  of"]) == ("182\u2009404", "1\u2009204\u2009331")
     assert (rows["frame"], rows["fps"], rows["quality"]) == ("12", "31", "1 : 2")
     assert (rows["draw"], rows["  blend"], rows["memory"]) == ("9.5 ms", "8.0", "812 MB")
     assert (rows["device"], rows["warnings"]) == ("cpu", "1")
@@ -107,7 +107,7 @@ def test_names_say_what_is_compared() -> None:
     """Oracle: by hand."""
     assert hud.look_names(ViewState()) == ("color", "")
     compared = ViewState(other=Look(time=7.0))
-    assert hud.look_names(compared) == ("color", "color · frame 7")
+    assert hud.look_names(compared) == ("A · color", "B · color · frame 7")
 
 
 def test_the_viewport_does_not_outlive_its_viewer_in_secret(application: QApplication) -> None:

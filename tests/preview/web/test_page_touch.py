@@ -197,6 +197,69 @@ def test_a_tap_picks_and_a_double_tap_frames(seat: Seat) -> None:
     np.testing.assert_allclose(state.camera.target, expected.target, atol=1e-6)
 
 
+def test_buttons_stay_in_place_when_panels_are_shown(seat: Seat) -> None:
+    """Oracle: the boxes of the buttons that are always there, with the panels and without; the
+    timeline has two rows at most."""
+
+    def boxes() -> list[dict[str, float]]:
+        ids = ("frame", "help-shown", "panels-shown")
+        return [seat.page.locator(f"#{each}").bounding_box() for each in ids]
+
+    before = boxes()
+    show_panels(seat, True)
+    assert boxes() == before
+    rows = seat.page.evaluate(
+        """() => new Set([...document.querySelectorAll("footer > *")]
+          .filter((each) => each.checkVisibility())
+          .map((each) => {
+            const box = each.getBoundingClientRect();
+            return Math.round((box.top + box.bottom) / 2 / 20);
+          })).size"""
+    )
+    show_panels(seat, False)
+    assert rows <= 2
+
+
+def test_a_tap_says_what_it_hit_and_opens_its_row(seat: Seat) -> None:
+    """Oracle: the session's selection: its path in a message while the panels are closed, and its
+    row in the tree, marked, once they are open."""
+    page = seat.page
+    seat.session.look(seat.session._state)
+    rows, columns = np.nonzero(np.ptp(seat.canvas()[1].astype(int), axis=2) > 60)
+    box = page.locator("#picture").bounding_box()
+    place = box["x"] + columns[len(columns) // 2] / 2, box["y"] + rows[len(rows) // 2] / 2
+    touch(seat, (place, place), at=time.time() - 20.0)
+    page.wait_for_function("() => document.getElementById('busy').textContent.startsWith('/')")
+    (path,) = seat.session._state.selected
+    assert page.locator("#busy").inner_text() == path
+    show_panels(seat, True)
+    row = page.locator(f"#prims .prim-name[title='{path}']")
+    row.wait_for(state="visible")
+    assert row.get_attribute("aria-pressed") == "true"
+    show_panels(seat, False)
+
+
+def test_the_help_of_a_phone_has_no_keys(seat: Seat) -> None:
+    """Oracle: by hand: what fingers do, and nothing that needs a keyboard or a mouse."""
+    seat.page.locator("#help-shown").tap()
+    told = seat.page.locator("#help table").inner_text()
+    seat.page.locator("#help button").tap()
+    assert "Pinch" in told and "Double tap" in told
+    assert not any(word in told for word in ("Shift", "Ctrl", "W A S D", "Wheel", "Right drag"))
+
+
+def test_a_phone_on_its_side_keeps_the_picture_large(seat: Seat) -> None:
+    """Oracle: the picture's part of the height of a screen of 844 x 390, by hand: one row of
+    buttons and the timeline."""
+    try:
+        seat.page.set_viewport_size({"width": 844, "height": 390})
+        seat.page.wait_for_function("() => document.getElementById('viewport').clientHeight < 390")
+        assert not seat.page.locator("#record").is_visible()
+        assert seat.page.locator("#picture").bounding_box()["height"] > 0.7 * 390
+    finally:
+        seat.page.set_viewport_size(PHONE["viewport"])
+
+
 def test_what_a_person_sees(seat: Seat, tmp_path: Path) -> None:
     """Oracle: the shots are pictures."""
     seat.shoot(tmp_path / "phone.png")

@@ -26,6 +26,7 @@ def glyph(name: str, color: str = "") -> QIcon:
     for tint, mode in (
         (QColor(color) if color else style.TEXT, QIcon.Mode.Normal),
         (style.OFF, QIcon.Mode.Disabled),
+        (QColor("white"), QIcon.Mode.Selected),  # else Qt mixes in the colour of the selection
     ):
         for size in (16, 32):
             icon.addPixmap(_drawn(_DRAWN[name], size, tint), mode)

@@ -106,6 +106,9 @@ KEYS = (
     Key(name="darker", menu="View", text="Exposure down", keys=(",",), begins=True),
     Key(name="brighter", menu="View", text="Exposure up", keys=(".",)),
     Key(name="same_exposure", menu="View", text="Exposure as rendered", keys=("/",)),
+    Key(name="add_key", menu="Lights", text="Add a key light"),
+    Key(name="add_dome", menu="Lights", text="Add a dome light"),
+    Key(name="add_texture", menu="Lights", text="Add a dome light with a texture…"),
     Key(name="play", menu="Timeline", text="Play or pause", keys=("Space",)),
     Key(name="step_on", menu="Timeline", text="Next frame", keys=("Right",), place="viewport"),
     Key(name="step_back", menu="Timeline", text="Previous frame", keys=("Left",), place="viewport"),
@@ -118,7 +121,7 @@ KEYS = (
     Key(name="help", menu="Help", text="Keys and gestures", keys=("F1",)),
     Key(name="about", menu="Help", text="About"),
 )
-MENUS = ("File", "Edit", "View", "Camera", "Timeline", "Simulation", "Help")
+MENUS = ("File", "Edit", "View", "Camera", "Lights", "Timeline", "Simulation", "Help")
 
 GESTURES = (
     ("Left drag with another tool, Alt + left drag", "orbit"),

@@ -96,6 +96,7 @@ class NumberWidget(ValueWidget):
             step=editor.step,
             none_label=editor.none_label,
             negative_label=editor.negative_label,
+            zero_label=editor.zero_label,
         )
         self._field.setFixedWidth(FIELD)
         self._field.entered.connect(lambda value: self.changed.emit(value, ""))

@@ -21,6 +21,7 @@ class NumberField(QLineEdit):
         step: Step of an arrow key; with Shift ten times that, with Ctrl a tenth.
         none_label: Meaning of an empty field; "" if a number is required.
         negative_label: Shown for negative numbers, and typed for -1; "" if they are shown.
+        zero_label: Shown in place of 0 while nothing is typed; "" for the number.
     """
 
     entered = Signal(object)
@@ -37,6 +38,7 @@ class NumberField(QLineEdit):
         step: float = 1.0,
         none_label: str = "",
         negative_label: str = "",
+        zero_label: str = "",
         parent: QWidget | None = None,
     ) -> None:
         super().__init__(parent)
@@ -46,6 +48,7 @@ class NumberField(QLineEdit):
         self._step = step
         self._none_label = none_label
         self._negative_label = negative_label
+        self._zero_label = zero_label
         self._value: float | None = None
         self.setFont(style.digits())
         self.setAlignment(Qt.AlignmentFlag.AlignRight)
@@ -96,6 +99,9 @@ class NumberField(QLineEdit):
 
     def _write(self) -> None:
         text = "" if self._value is None else number_text(self._value)
+        if self._zero_label and self._value == 0 and not self.hasFocus():
+            self.setText(self._zero_label)
+            return
         if self._is_automatic:
             text = self._negative_label
         elif text and self._unit and not self.hasFocus():

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
 
 from PySide6.QtCore import QEvent, QObject, QTimer, Signal
 from PySide6.QtWidgets import QWidget
@@ -12,7 +14,7 @@ from usdsplat.preview.document import Document
 from usdsplat.preview.latest_request import LatestRequest
 from usdsplat.preview.qt.session_proxy import SessionProxy
 from usdsplat.preview.stage_model.edits import Edits
-from usdsplat.preview.values import Picture, Problem, SimulationStatus, StageChanged
+from usdsplat.preview.values import Look, Picture, Problem, SimulationStatus, StageChanged
 from usdsplat.preview.viewer import Viewer
 
 GLIDE = 0.25
@@ -50,6 +52,8 @@ class PanelContext(QObject):
         """First and last frame of the stage's bake [time code]; None without a bake."""
         self.has_unsaved = False
         """Whether the session layer has edits that are not saved, as far as is known."""
+        self.side = 0
+        """Side of a comparison that panels, keys and the tool bar change: 0 is A, 1 is B."""
         self._drags: dict[str, LatestRequest] = {}
         """Requests of drags in progress, by name."""
         self._history = Question(self, self._ask_history)
@@ -61,6 +65,25 @@ class PanelContext(QObject):
     def time(self) -> float | None:
         """Time code of the viewport."""
         return self.viewer.state.time
+
+    @property
+    def look(self) -> Look:
+        """The look that panels, keys and the tool bar show and change."""
+        state = self.viewer.state
+        return state.other if self.side and state.other else state.look
+
+    def set_look(self, **changes: Any) -> None:
+        """Change fields of that look."""
+        if self.look is self.viewer.state.other:
+            self.viewer.set_other(replace(self.look, **changes))
+        else:
+            self.viewer.set_look(**changes)
+
+    def set_side(self, side: int) -> None:
+        """Choose the side of a comparison that is changed."""
+        if side != self.side:
+            self.side = side
+            self.view_changed.emit()
 
     @property
     def selected(self) -> str:
@@ -92,6 +115,7 @@ class PanelContext(QObject):
             self.proxy.complain(error)
             failed()
 
+        self.proxy.interrupt()
         self._drags = {name: each for name, each in self._drags.items() if each.is_busy}
         asks = self._drags.setdefault(drag, LatestRequest(self.proxy)) if drag else self.proxy
         asks.ask(task, self._show_history, refused)

@@ -91,6 +91,7 @@ class ProbePanel(QWidget):
         self._context.proxy.ask(histogram, answered, lambda error: done())
 
     def _pick(self, x: float, y: float, adds: bool) -> None:
+        self._context.proxy.interrupt()
         self._context.proxy.ask(
             lambda document: pick(document, x, y), partial(self._show_picked, adds)
         )
@@ -111,6 +112,7 @@ class ProbePanel(QWidget):
             kept = tuple(each for each in viewer.state.selected if adds and each not in found)
             viewer.select((*kept, *found))
 
+        self._context.proxy.interrupt()
         self._context.proxy.ask(lambda document: in_box(document, *box), answered)
 
     def show_pixel(self, found: Probed | None) -> None:
@@ -124,7 +126,7 @@ class ProbePanel(QWidget):
             ("Pixel", f"{found.x}, {found.y}"),
             ("On the screen", _numbers(found.shown, 3)),
             ("8 bit", " ".join(f"{round(255 * part):>4d}" for part in found.shown)),
-            ("Before the view", _numbers(found.rendered)),
+            ("RGBA before the view", _numbers(found.rendered)),
         ]
         if found.aov != "color":
             rows += [
@@ -134,7 +136,7 @@ class ProbePanel(QWidget):
         if found.position is not None:
             rows.append(("P", _numbers(found.position)))
         if found.path:
-            rows += [("Prim", found.path), ("Element", f"{found.element:,}")]
+            rows += [("Prim", found.path), ("Face or splat", f"{found.element:,}")]
         self.pixel.show_rows(rows)
 
     def show_picked(self, found: Picked | None) -> None:
@@ -213,15 +215,16 @@ def _picked_rows(found: Picked) -> Rows:
     rows = [
         ("Prim", found.path),
         ("Kind", found.kind),
-        ("Face" if found.splat is None else "Row", f"{found.element:,}"),
+        ("Face" if found.splat is None else "Splat", f"{found.element:,}"),
     ]
     if found.instance:
         rows.append(("Instance", f"{found.instance:,}"))
     rows.append(("Seen at", _numbers(found.position)))
     if found.splat is not None:
         splat = found.splat
+        if splat.id != found.element:  # that of a splat without one is its row
+            rows.append(("Id", f"{splat.id:,}"))
         rows += [
-            ("Id", f"{splat.id:,}"),
             ("Centre", _numbers(splat.center)),
             ("In the world", _numbers(splat.world_center)),
             ("Scales", _numbers(splat.scales)),

@@ -11,6 +11,7 @@ from PySide6.QtWidgets import (
     QHBoxLayout,
     QLabel,
     QScrollArea,
+    QSizePolicy,
     QTabBar,
     QVBoxLayout,
     QWidget,
@@ -20,12 +21,13 @@ from usdsplat.preview.display import choices
 from usdsplat.preview.kept_view import COLOUR
 from usdsplat.preview.knob_model import Editor, editors_of
 from usdsplat.preview.qt import style
+from usdsplat.preview.qt.adding_lights import LightOffer
 from usdsplat.preview.qt.knob_panel import KnobPanel
 from usdsplat.preview.qt.knob_widgets import CalmComboBox, TickBox
 from usdsplat.preview.qt.number_field import NumberField
 from usdsplat.preview.qt.panel_context import PanelContext
 from usdsplat.preview.setting_editors import setting_editors, with_setting
-from usdsplat.preview.values import Look, Picture
+from usdsplat.preview.values import Picture
 
 DEVICES = ("auto", "cpu", "cuda")
 FIRST = {
@@ -59,17 +61,18 @@ class RenderPanel(QWidget):
         self.side.addTab("B")
         self.side.setExpanding(True)
         self.side.setDrawBase(False)
-        self.side.currentChanged.connect(lambda index: self.follow())
+        self.side.setObjectName("sides")
+        self.side.currentChanged.connect(context.set_side)
         self.compare = TickBox("Compare A | B")
         self.compare.setToolTip("Compare with B to the right of a draggable line (Shift+W)")
         self.compare.clicked.connect(lambda is_on: self.set_compare(is_on))
         self.aov = CalmComboBox()
-        self.aov.activated.connect(lambda index: self._set_look(aov=self.aov.itemText(index)))
+        self.aov.activated.connect(lambda index: context.set_look(aov=self.aov.itemText(index)))
         self.has_time = TickBox()
         self.has_time.setToolTip("A separate time instead of the timeline's")
         self.has_time.clicked.connect(self._toggle_time)
-        self.time = NumberField("Time", none_label="the timeline's")
-        self.time.entered.connect(lambda time: self._set_look(time=time))
+        self.time = NumberField("Time", none_label="from the timeline")
+        self.time.entered.connect(lambda time: context.set_look(time=time))
         self.time.refused.connect(context.complain)
         self.device = CalmComboBox()
         self.device.addItems(DEVICES)
@@ -79,6 +82,8 @@ class RenderPanel(QWidget):
         )
         self.used_device = QLabel()
         self.used_device.setProperty("role", "quiet")
+        self.used_device.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
+        self.lights = LightOffer(context)
         self.settings = KnobPanel()
         self.settings.changed.connect(self._set_setting)
         self.settings.refused.connect(context.complain)
@@ -110,7 +115,7 @@ class RenderPanel(QWidget):
         if not is_compared and self.side.currentIndex():
             self.side.setCurrentIndex(0)  # calls this method again
             return
-        look = self.look
+        look = self._context.look
         self._offer_aovs()
         self.aov.setCurrentText(look.aov)
         self.has_time.setChecked(look.time is not None)
@@ -120,12 +125,6 @@ class RenderPanel(QWidget):
         self.display.show_editors(
             [replace(editor, group="Display") for editor in editors_of(state.display)]
         )
-
-    @property
-    def look(self) -> Look:
-        """The look that the panel shows."""
-        state = self._context.viewer.state
-        return state.other if self.side.currentIndex() and state.other else state.look
 
     def set_compare(self, is_on: bool) -> None:
         """Switch the comparison on or off; both looks are equal at first."""
@@ -142,7 +141,6 @@ class RenderPanel(QWidget):
         column.setContentsMargins(0, 6, 0, 6)
         column.setSpacing(4)
         for label, *widgets in (
-            ("", self.compare),
             ("AOV", self.aov),
             ("Time", self.has_time, self.time),
             ("Device", self.device, self.used_device),
@@ -151,25 +149,22 @@ class RenderPanel(QWidget):
         column.addWidget(self.display)
         column.addWidget(self.settings)
         column.addStretch(1)
-        column.insertWidget(1, self.side)
-        area = scrolling(body)
         outer = QVBoxLayout(self)
-        outer.setContentsMargins(0, 0, 0, 0)
-        outer.addWidget(area)
-
-    def _set_look(self, **changes: Any) -> None:
-        viewer = self._context.viewer
-        if self.look is viewer.state.other:
-            viewer.set_other(replace(self.look, **changes))
-        else:
-            viewer.set_look(**changes)
+        outer.setContentsMargins(0, 6, 0, 0)
+        outer.setSpacing(4)
+        outer.addLayout(_line("", self.compare))
+        outer.addWidget(self.side)
+        outer.addWidget(self.lights)
+        outer.addWidget(scrolling(body), 1)
 
     def _toggle_time(self, is_on: bool) -> None:
-        self._set_look(time=self._context.viewer.timeline.current if is_on else None)
+        self._context.set_look(time=self._context.viewer.timeline.current if is_on else None)
 
     def _set_setting(self, name: str, value: Any, merge: str) -> None:
         self._context.attempt(
-            lambda: self._set_look(settings=with_setting(self.look.settings, name, value))
+            lambda: self._context.set_look(
+                settings=with_setting(self._context.look.settings, name, value)
+            )
         )
         self.follow()
 
@@ -178,7 +173,7 @@ class RenderPanel(QWidget):
         self.follow()
 
     def _show_device(self, picture: Picture) -> None:
-        self.used_device.setText(f"draws on {picture.device}")
+        self.used_device.setText(f"on {picture.device}")
 
 
 def scrolling(body: QWidget) -> QScrollArea:
@@ -187,6 +182,7 @@ def scrolling(body: QWidget) -> QScrollArea:
     area.setWidget(body)
     area.setWidgetResizable(True)
     area.setFrameShape(QFrame.Shape.NoFrame)
+    area.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
     return area
 
 

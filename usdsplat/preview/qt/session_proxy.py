@@ -91,6 +91,10 @@ class SessionProxy(QObject):
             lambda error: self.call(failed or self.complain, error),
         )
 
+    def interrupt(self) -> None:
+        """End a long picture of a view at rest, see `Session.interrupt`."""
+        self.session.interrupt()
+
     def complain(self, error: UsdSplatError) -> None:
         """Report an error as a `problem`."""
         self._heard(Problem(sentence=str(error)))

@@ -39,6 +39,8 @@ QTabBar::tab {{
 }}
 QTabBar::tab:selected {{ background: {ground}; color: {text}; }}
 QTabBar::tab:hover {{ color: {text}; }}
+QTabBar#sides::tab {{ font-weight: 600; border-bottom: 2px solid {line}; }}
+QTabBar#sides::tab:selected {{ color: white; border-bottom: 2px solid {accent}; }}
 QHeaderView::section {{
     background: {ground}; color: {quiet}; border: 0; border-bottom: 1px solid {line};
     padding: 3px 5px;
@@ -52,6 +54,7 @@ QLineEdit, QComboBox, QPlainTextEdit {{
     min-height: 17px; selection-background-color: {accent};
 }}
 QLineEdit:focus, QComboBox:focus {{ border-color: {accent}; }}
+QLineEdit {{ placeholder-text-color: {quiet}; }}
 QLineEdit:disabled, QComboBox:disabled {{ color: {off}; }}
 QComboBox {{ background: {raised}; }}
 QComboBox::drop-down {{ border: 0; width: 16px; }}
@@ -127,7 +130,7 @@ def palette() -> QPalette:
         (roles.BrightText, QColor("white")),
         (roles.ToolTipBase, RAISED),
         (roles.ToolTipText, TEXT),
-        (roles.PlaceholderText, OFF),
+        (roles.PlaceholderText, QUIET),
         (roles.Highlight, ACCENT),
         (roles.HighlightedText, QColor("white")),
         (roles.Link, ACCENT.lighter(140)),

@@ -38,9 +38,7 @@ class ViewStrip(QWidget):
         self.camera = _choices("Camera to look through", 150)
         self.camera.activated.connect(self._use_camera)
         self.aov = _choices("What is shown of each pixel ([ and ])", 110)
-        self.aov.activated.connect(
-            lambda index: context.viewer.set_look(aov=self.aov.itemText(index))
-        )
+        self.aov.activated.connect(lambda index: context.set_look(aov=self.aov.itemText(index)))
         self.channel = _choices("Channels of color (Shift+R G B A L)", 88)
         self.channel.addItems(CHANNELS)
         self.channel.activated.connect(
@@ -56,7 +54,7 @@ class ViewStrip(QWidget):
         self._line = line = QHBoxLayout(self)
         line.setContentsMargins(8, 4, 8, 4)
         line.setSpacing(6)
-        labels = []
+        labels: dict[str, QLabel] = {}
         for word, widget in (
             ("Camera", self.camera),
             ("AOV", self.aov),
@@ -67,12 +65,13 @@ class ViewStrip(QWidget):
                 label = QLabel(word)
                 label.setProperty("role", "quiet")
                 line.addWidget(label)
-                labels.append(label)
+                labels[word] = label
             line.addWidget(widget)
             line.addSpacing(style.GAP)
         line.addStretch(1)
         line.addWidget(marks)
-        self._spare: tuple[QWidget, ...] = (*labels, self.exposure, self.channel, marks)
+        self.aov_label = labels["AOV"]
+        self._spare: tuple[QWidget, ...] = (*labels.values(), self.exposure, self.channel, marks)
         """Widgets that are hidden first if there is not enough room."""
         context.view_changed.connect(self.follow)
         self.follow()
@@ -116,7 +115,9 @@ class ViewStrip(QWidget):
             if [self.aov.itemText(i) for i in range(self.aov.count())] != names:
                 self.aov.clear()
                 self.aov.addItems(names)
-            self.aov.setCurrentText(state.look.aov)
+            self.aov.setCurrentText(self._context.look.aov)
+        side = "" if state.other is None else f"{'AB'[self._context.side]} · "
+        self.aov_label.setText(f"{side}AOV")
         self.channel.setCurrentText(state.display.channel)
         self.exposure.show_value(state.display.exposure)
 

@@ -30,17 +30,14 @@ from PySide6.QtGui import (
 from PySide6.QtWidgets import QWidget
 
 from usdsplat.preview.manipulator import Manipulator, Mode, Space
+from usdsplat.preview.overlays import LightMark
 from usdsplat.preview.projection import Pixel, Projection
-from usdsplat.preview.qt.viewport_figures import EdgeLines
+from usdsplat.preview.qt import viewport_painting as painting
+from usdsplat.preview.qt.viewport_figures import EdgeLines, placed
 from usdsplat.preview.qt.viewport_holds import BoxHold, HandleHold, Hold, NavigatingHold
-from usdsplat.preview.qt.viewport_navigation import (
-    MODE_KEYS,
-    NOTCH,
-    QUICKER,
-    Moves,
-    notches,
-)
-from usdsplat.preview.qt.viewport_painting import PREPARING, Rate, Scene, paint, paint_nothing
+from usdsplat.preview.qt.viewport_keys import do_key
+from usdsplat.preview.qt.viewport_navigation import NOTCH, QUICKER, Moves, notches
+from usdsplat.preview.qt.viewport_painting import PREPARING, Rate, Scene
 from usdsplat.preview.qt.viewport_targets import Hot, Press, Targets
 from usdsplat.preview.values import Busy, Picture
 from usdsplat.preview.viewer import Viewer
@@ -78,6 +75,9 @@ class Viewport(QWidget):
         """The last displayed picture."""
         self.waiting = PREPARING
         """What the first picture waits for."""
+        self.side = 0
+        """Side of a comparison that is changed, whose name stands out."""
+        self._progress = ""
         self.mode: Mode | None = "translate"
         """Mode of the manipulator; None for none."""
         self.space: Space = "world"
@@ -119,7 +119,8 @@ class Viewport(QWidget):
         self.update()
 
     def show_busy(self, busy: Busy) -> None:
-        """Say what the first picture waits for."""
+        """Say what the first picture waits for, or how far the light of the next one is."""
+        self._progress = painting.progress_of(busy)
         self.waiting = f"{busy.what[:1].upper()}{busy.what[1:]}…" if busy.what else PREPARING
         self.update()
 
@@ -134,6 +135,12 @@ class Viewport(QWidget):
         self.space, self._hot = space, Hot()
         self.manipulator_changed.emit()
         self.update()
+
+    def set_side(self, side: int) -> None:
+        """Set the side of a comparison whose name stands out."""
+        if side != self.side:
+            self.side = side
+            self.update()
 
     def set_hud(self, is_shown: bool) -> None:
         """Show or hide the heads-up display."""
@@ -167,7 +174,7 @@ class Viewport(QWidget):
             viewer=self.viewer,
             projection=self.projection,
             manipulator=self.manipulator,
-            lights=() if self.picture is None else self.picture.overlays.lights,
+            lights=self._lights(),
             ratio=self.devicePixelRatioF(),
         )
 
@@ -179,7 +186,7 @@ class Viewport(QWidget):
     def paintEvent(self, event: QPaintEvent) -> None:
         painter, state = QPainter(self), self.viewer.state
         if self.picture is None or self.projection is None:
-            paint_nothing(painter, QRectF(self.rect()), self.waiting)
+            painting.paint_nothing(painter, QRectF(self.rect()), self.waiting)
             return
         scene = Scene(
             picture=self.picture,
@@ -187,6 +194,10 @@ class Viewport(QWidget):
             size=self._size(),
             ratio=self.devicePixelRatioF(),
             projection=self.projection,
+            state=state,
+            lights=self._lights(),
+            side=self.side,
+            progress=self._progress,
             edges=self._edges.of(self.picture, self._size(), self.projection),
             affectors=self._affectors.of(self.picture, self._size(), self.projection),
             manipulator=self.manipulator,
@@ -198,7 +209,7 @@ class Viewport(QWidget):
             shows_hud=self.shows_hud,
             rate=self._rate.per_second,
         )
-        paint(painter, QRectF(self.rect()), scene)
+        painting.paint(painter, QRectF(self.rect()), scene)
 
     # --- mouse -----------------------------------------------------------------------------
 
@@ -256,7 +267,7 @@ class Viewport(QWidget):
         self._keys.add(event.key())
         if self._hold is not None and self._hold.press(self._keys, event.modifiers()):
             self._viewer_changed()
-        elif self._hold is not None or not self._do(event.key(), event.modifiers()):
+        elif self._hold is not None or not do_key(self, event.key(), event.modifiers()):
             super().keyPressEvent(event)
 
     def keyReleaseEvent(self, event: QKeyEvent) -> None:
@@ -272,25 +283,6 @@ class Viewport(QWidget):
         if self._hold is not None:
             self._hold.press(self._keys, Qt.KeyboardModifier.NoModifier)
         super().focusOutEvent(event)
-
-    def _do(self, key: int, modifiers: Qt.KeyboardModifier) -> bool:
-        """Handle a key while no button is held; return whether it was used."""
-        shift = bool(modifiers & Qt.KeyboardModifier.ShiftModifier)
-        if modifiers & ~Qt.KeyboardModifier.ShiftModifier & ~Qt.KeyboardModifier.KeypadModifier:
-            return False
-        if key == Qt.Key.Key_A or (key == Qt.Key.Key_F and shift):
-            self.viewer.frame()
-        elif key == Qt.Key.Key_F:
-            self.viewer.frame(self.viewer.state.selected)
-        elif key == Qt.Key.Key_H:
-            self.set_hud(not self.shows_hud)
-        elif key == Qt.Key.Key_X:
-            self.set_space("local" if self.space == "world" else "world")
-        elif key in MODE_KEYS:
-            self.set_mode(MODE_KEYS[key])
-        else:
-            return False
-        return True
 
     # --- other events ----------------------------------------------------------------------
 
@@ -384,7 +376,12 @@ class Viewport(QWidget):
     def _over(self) -> tuple[object, ...]:
         """Return what is painted of the viewer itself, not of the displayed picture."""
         state = self.viewer.state
-        return state.other is None, state.wipe, self.viewer.placement
+        return state.other is None, state.wipe, state.selected, self.viewer.placement, self.side
+
+    def _lights(self) -> tuple[LightMark, ...]:
+        """Return the lights of the picture, the selected one where it is now."""
+        known = () if self.picture is None else self.picture.overlays.lights
+        return placed(known, self.viewer.placement)
 
     def _pixel(self, position: QPointF) -> Pixel:
         ratio = self.devicePixelRatioF()

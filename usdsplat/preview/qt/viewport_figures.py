@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
 from itertools import pairwise
 
 from PySide6.QtCore import QLineF, QPointF, Qt
@@ -14,6 +15,7 @@ from PySide6.QtGui import QColor, QPainter, QPen
 
 from usdsplat.core.cloud import F64
 from usdsplat.preview.overlays import LightMark, MeshEdges, Overlays
+from usdsplat.preview.placement import Placement
 from usdsplat.preview.projection import Pixel, Projection
 from usdsplat.preview.values import Picture
 
@@ -31,6 +33,16 @@ APART = 2.0
 LENGTH = 42.0
 """Length on the screen of what has none of its own, such as a direction."""
 RAYS = 8
+
+
+def placed(lights: Sequence[LightMark], placement: Placement | None) -> tuple[LightMark, ...]:
+    """Return the lights of a picture with the selected one at its place, which may be a new one."""
+    return tuple(
+        replace(mark, matrix=placement.matrix)
+        if placement is not None and placement.path == mark.path
+        else mark
+        for mark in lights
+    )
 
 
 def lights_at(

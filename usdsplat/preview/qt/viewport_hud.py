@@ -14,35 +14,45 @@ RADIUS = 5.0
 MARGIN = 10.0
 """Margin from the viewport's edges [pixel of the window]."""
 PAD = 8.0
-STAGES = 5
-"""Maximum number of stages listed by name."""
+STEPS: tuple[tuple[str, tuple[str, ...]], ...] = (
+    ("prepare", ("sync", "lay out", "surfaces", "nodes")),
+    ("light", ("light splats",)),
+    ("project", ("project", "shade", "find ray hits", "find features")),
+    ("sort", ("sort", "bin")),
+    ("display", ("display", "fetch")),
+)
+"""Steps of a picture, and the stages of the renderer that they contain; others are of "blend"."""
+WIDEST = ("  prepare", "00\u2009000\u2009000 MB")
+"""Label and value that the pane has room for: its width stays as numbers change."""
 
 Row = tuple[str, str]
 
 
 def rows_of(picture: Picture, *, rate: float | None) -> list[Row]:
-    """Return labels and values, in display order."""
+    """Return labels and values, in display order; those of every picture have the same lines."""
     times = dict(picture.milliseconds)
     total = times.pop("total", sum(times.values()))
-    longest = sorted(times, key=lambda name: -times[name])[:STAGES]
+    steps = {name: sum(times.pop(each, 0.0) for each in stages) for name, stages in STEPS}
+    steps["blend"] = sum(times.values())
+    quality = "full" if picture.is_final else f"1 : {picture.scale:g}"
+    if picture.lacks_light and picture.scale == 1.0:
+        quality = "last light"
     state = picture.state
     width, height = state.size
     warnings = len(picture.warnings)
-    splats = _grouped(picture.splats)
-    if picture.splats != picture.total:
-        splats += f" / {_grouped(picture.total)}"
     return [
         ("fps", "–" if rate is None else f"{rate:.0f}"),
         ("draw", f"{total:.1f} ms"),
-        *(("  " + name, f"{times[name]:.1f}") for name in times if name in longest),
-        ("quality", "full" if picture.is_final else f"1 : {picture.scale:g}"),
+        *(("  " + name, f"{spent:.1f}") for name, spent in steps.items()),
+        ("quality", quality),
         ("size", f"{width} × {height}"),
-        ("splats", splats),
-        *([("reading", f"{_grouped(picture.missing)} nodes")] if picture.missing else []),
+        ("splats", _grouped(picture.splats)),
+        ("  of", _grouped(picture.total)),
         ("frame", "default" if state.time is None else f"{state.time:g}"),
         ("memory", f"{_grouped(round(picture.megabytes))} MB" if picture.megabytes else "–"),
         ("device", picture.device),
         *([("warnings", str(warnings))] if warnings else []),
+        *([("reading", f"{_grouped(picture.missing)} nodes")] if picture.missing else []),
     ]
 
 
@@ -54,19 +64,14 @@ def camera_name(state: ViewState) -> str:
 
 
 def look_names(state: ViewState) -> tuple[str, str]:
-    """Return names of the looks left and right of the wipe; "" on the right for no comparison.
-
-    If both show the same AOV, the names contain another difference.
-    """
+    """Return names of the looks left and right of the wipe; "" on the right for no comparison."""
     names: list[str] = []
     for look in (state.look, state.other):
         if look is None:
             return names[0], ""
         time = "" if look.time is None else f" · frame {look.time:g}"
         names.append(f"{look.aov}{time}")
-    if names[0] == names[1]:
-        return f"A · {names[0]}", f"B · {names[1]}"
-    return names[0], names[1]
+    return f"A · {names[0]}", f"B · {names[1]}"
 
 
 def paint_rows(painter: QPainter, rows: list[Row], corner: QPointF) -> QRectF:
@@ -74,8 +79,9 @@ def paint_rows(painter: QPainter, rows: list[Row], corner: QPointF) -> QRectF:
     font = style.digits()
     painter.setFont(font)
     metrics = QFontMetricsF(font)
-    labels = max(metrics.horizontalAdvance(label) for label, _ in rows)
-    values = max(metrics.horizontalAdvance(value) for _, value in rows)
+    rows_and_room = (*rows, WIDEST)
+    labels = max(metrics.horizontalAdvance(label) for label, _ in rows_and_room)
+    values = max(metrics.horizontalAdvance(value) for _, value in rows_and_room)
     step = metrics.height() + 1.0
     size = (2 * PAD + labels + 2 * PAD + values, 2 * PAD + step * len(rows) - 3.0)
     pane = QRectF(corner.x(), corner.y(), *size)
@@ -108,6 +114,22 @@ def paint_tag(
     pane = QRectF(left, anchor.y() - height, width, height)
     _paint_pane(painter, pane)
     painter.setPen(color)
+    painter.drawText(pane, Qt.AlignmentFlag.AlignCenter, text)
+    return pane
+
+
+def paint_badge(painter: QPainter, text: str, top: QPointF) -> QRectF:
+    """Paint text on a pane with its top at the middle of a point, as wide as it is with larger
+    numbers; return its rectangle."""
+    font = style.digits()
+    font.setPointSizeF(10.0)
+    painter.setFont(font)
+    metrics = QFontMetricsF(font)
+    width = metrics.horizontalAdvance("Lighting… 000/000") + 2 * PAD
+    width = max(width, metrics.horizontalAdvance(text) + 2 * PAD)
+    pane = QRectF(top.x() - 0.5 * width, top.y(), width, metrics.height() + PAD)
+    _paint_pane(painter, pane)
+    painter.setPen(style.ANIMATED)
     painter.drawText(pane, Qt.AlignmentFlag.AlignCenter, text)
     return pane
 

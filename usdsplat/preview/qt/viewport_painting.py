@@ -10,6 +10,7 @@ from PySide6.QtCore import QLineF, QPointF, QRectF, Qt
 from PySide6.QtGui import QImage, QPainter
 
 from usdsplat.preview.manipulator import Handle, Manipulator
+from usdsplat.preview.overlays import LightMark
 from usdsplat.preview.projection import Projection
 from usdsplat.preview.qt import style
 from usdsplat.preview.qt import viewport_figures as figures
@@ -17,7 +18,7 @@ from usdsplat.preview.qt import viewport_hud as hud
 from usdsplat.preview.qt import viewport_overlays as overlays
 from usdsplat.preview.qt.viewport_holds import Rectangle
 from usdsplat.preview.qt.viewport_targets import grip_of
-from usdsplat.preview.values import Picture
+from usdsplat.preview.values import Busy, Picture, ViewState
 
 MEMORY = 1.0
 """Time window of the frame rate [s]."""
@@ -25,8 +26,9 @@ CORNER = 46.0
 """Distance of the axes from the lower left corner [pixel of the window]."""
 BESIDE_AXES = 84.0
 PREPARING = "Preparing the first picture…"
-TOP = 34.0
-"""Vertical position of the names of a comparison [pixel of the window]."""
+ABOVE = 30.0
+"""Distance of the names of a comparison from the tags at the bottom [pixel of the window]."""
+LIGHTING = "Lighting…"
 
 
 class Rate:
@@ -64,6 +66,14 @@ class Scene:
     ratio: float
     """Screen pixels per window pixel."""
     projection: Projection
+    state: ViewState
+    """What is wanted, of which the selection and the lights are painted at once."""
+    lights: Sequence[LightMark]
+    """Lights at their places now."""
+    side: int
+    """Side of a comparison whose name stands out: 0 is left."""
+    progress: str
+    """How far the light of the next picture is; "" if it is not known."""
     edges: Sequence[QLineF]
     """The edges of meshes."""
     affectors: Sequence[QLineF]
@@ -81,6 +91,14 @@ class Scene:
     shows_hud: bool
     rate: float | None
     """Pictures per second."""
+
+
+def progress_of(busy: Busy) -> str:
+    """Return how far a part of drawing a picture is, in words; "" for other events."""
+    if not busy.of_picture or not busy.what:
+        return ""
+    part = f" {busy.done}/{busy.total}" if busy.total else ""
+    return f"{busy.what[:1].upper()}{busy.what[1:]}…{part}"
 
 
 def paint_nothing(painter: QPainter, place: QRectF, words: str) -> None:
@@ -118,17 +136,18 @@ def _paint_image(painter: QPainter, place: QRectF, scene: Scene) -> None:
 def _paint_placed(painter: QPainter, scene: Scene) -> None:
     """Paint overlays with a position in the picture, in viewport pixels."""
     ratio, (width, height) = scene.ratio, scene.size
-    over, state = scene.picture.overlays, scene.picture.state
+    over, selected = scene.picture.overlays, scene.state.selected
     figures.paint_edges(painter, scene.edges, ratio=ratio)
     figures.paint_affectors(painter, scene.affectors, ratio=ratio)
-    boxes = (*over.bounds, *scene.picture.boxes)
+    is_same = scene.picture.state.selected == selected
+    boxes = (*over.bounds, *(scene.picture.boxes if is_same else ()))
     overlays.paint_boxes(painter, boxes, scene.projection, ratio=ratio)
     figures.paint_lights(
         painter,
-        over.lights,
+        scene.lights if scene.state.shows_lights else (),
         scene.projection,
         ratio=ratio,
-        chosen=state.selected,
+        chosen=selected,
         hot=scene.hot_light,
     )
     if scene.wipe is not None:
@@ -152,12 +171,17 @@ def _paint_words(painter: QPainter, place: QRectF, scene: Scene) -> None:
     hud.paint_tag(painter, hud.camera_name(picture.state), QPointF(BESIDE_AXES, bottom))
     left_name, right_name = hud.look_names(picture.state)
     if scene.wipe is not None and right_name:
-        cut = scene.wipe * place.width()
-        hud.paint_tag(painter, left_name, QPointF(cut - hud.MARGIN, TOP), right=True)
-        hud.paint_tag(painter, right_name, QPointF(cut + hud.MARGIN, TOP))
+        cut, line = scene.wipe * place.width(), bottom - ABOVE
+        for side, name in enumerate((left_name, right_name)):
+            at = QPointF(cut + (hud.MARGIN if side else -hud.MARGIN), line)
+            color = overlays.HOT if side == scene.side else style.TEXT
+            hud.paint_tag(painter, name, at, right=not side, color=color)
     else:
         tag = hud.paint_tag(painter, left_name, QPointF(right, bottom), right=True)
         right = tag.left() - 6.0
+    if picture.lacks_light:
+        middle = QPointF(place.center().x(), hud.MARGIN)
+        hud.paint_badge(painter, scene.progress or LIGHTING, middle)
     if picture.scale > 1.0:
         mark = f"coarse ×{picture.scale:g}"
         hud.paint_tag(painter, mark, QPointF(right, bottom), right=True, color=style.ANIMATED)

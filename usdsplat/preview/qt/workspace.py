@@ -33,7 +33,7 @@ LOOK_AT_FILES = 2000
 """Interval of checks for changed files [ms]."""
 SIDES = (330, 920, 350)
 """Initial widths of tree, viewport and panels [pixel]."""
-NARROWEST = (260, 240, 290)
+NARROWEST = (260, 240, 316)
 """Minimum widths of tree, viewport and panels [pixel]."""
 
 
@@ -143,15 +143,27 @@ class Workspace(QWidget):
         return {
             "compare": state.other is not None,
             "hud": self.shows_hud,
-            "levels": state.look.aov == "splatId" and state.display.id_colors == "levels",
+            "levels": self.context.look.aov == "splatId" and state.display.id_colors == "levels",
             **{name: getattr(state, field) for name, field in _OVERLAYS.items()},
         }
 
     def toggle_levels(self) -> None:
-        """Colour splat trees by level, or show colour again."""
-        is_on, viewer = self.toggles["levels"], self.context.viewer
-        viewer.set_display(id_colors="ids" if is_on else "levels")
-        viewer.set_look(aov="color" if is_on else "splatId")
+        """Colour splat trees by level, or show colour again; a message says if there are none."""
+        context = self.context
+        if self.toggles["levels"]:
+            context.viewer.set_display(id_colors="ids")
+            context.set_look(aov="color")
+            return
+
+        def found(has_trees: bool) -> None:
+            if has_trees:
+                context.viewer.set_display(id_colors="levels")
+                context.set_look(aov="splatId")
+            else:
+                self.notices.say("No splat trees here")
+                context.view_changed.emit()  # takes the tick off the menu
+
+        self.proxy.ask(lambda document: document.has_trees, found)
 
     def toggle_overlay(self, name: str) -> None:
         """Show or hide bounds, wireframe, lights or affectors."""
@@ -171,9 +183,9 @@ class Workspace(QWidget):
     def next_aov(self, by: int) -> None:
         """Show the next AOV of the list."""
         names = [aov.name for aov in choices(self.context.viewer.lights)]
-        shown = self.context.viewer.state.look.aov
+        shown = self.context.look.aov
         place = names.index(shown) if shown in names else 0
-        self.context.viewer.set_look(aov=names[(place + by) % len(names)])
+        self.context.set_look(aov=names[(place + by) % len(names)])
 
     def leave(self) -> None:
         """Go back to the viewport from anywhere else; there, clear the selection."""
@@ -250,6 +262,7 @@ class Workspace(QWidget):
         context.settled.connect(self._settle)
         self.tree.frame_requested.connect(lambda path: context.viewer.frame((path,)))
         self.viewport.focus_requested.connect(self._aim)
+        context.view_changed.connect(lambda: self.viewport.set_side(context.side))
         self.render_panel.device_chosen.connect(self.device_chosen)
 
     def _lay_out(self) -> None:

@@ -288,9 +288,9 @@ class WebController:
             case Problem(sentence=sentence):
                 self._problem = sentence
                 self._tell("problem", sentence)
-            case Busy(what=what):
-                self._busy = what
-                self._tell("busy", what)
+            case Busy(what=what, done=done, total=total):
+                self._busy = f"{what} {done}/{total}" if event.of_picture and total else what
+                self._tell("busy", self._busy)
 
     def _begin(self, told: tuple[Opened, SimulationStatus]) -> None:
         opened, status = told

@@ -146,6 +146,7 @@ def header(
         "splats": picture.splats,
         "total": picture.total,
         "missing": picture.missing,
+        "lacks_light": picture.lacks_light,
         "milliseconds": {name: round(ms, 2) for name, ms in picture.milliseconds.items()},
         "megabytes": round(picture.megabytes, 1),
         "device": picture.device,

@@ -15,6 +15,7 @@ from usdsplat.render.draw_list import DrawList
 from usdsplat.render.lights.cameras import LightCamera, bounds_of, cameras_of
 from usdsplat.render.lights.depth_map import DepthMap, MapBuffers, draw_depth_map
 from usdsplat.render.lights.dome import peak_lights, smooth_light
+from usdsplat.render.lights.light_steps import unnoticed
 from usdsplat.render.lights.sampling import samples_of
 from usdsplat.render.lights.specs import LightSpec, Rules
 from usdsplat.render.matte import is_matte
@@ -65,28 +66,63 @@ class LightMaps:
     catches: Callable[[str], bool]
     """Whether the prim at a path is a shadow catcher."""
     version: Any
-    """What maps depend on besides lights."""
+    """What maps depend on besides lights; the splat budget of the casters is last."""
     kept: Maps
     meshes: SurfaceCache
     buffers: MapBuffers
     """Buffers of maps that are not kept."""
+    draws: bool = True
+    """Whether maps that are not kept may be drawn, and those of another splat budget are not good
+    enough."""
 
-    def shine(self, light: LightSpec, receivers: Sequence[Receivers], *, casts: bool) -> None:
+    def shine(
+        self,
+        light: LightSpec,
+        receivers: Sequence[Receivers],
+        *,
+        casts: bool,
+        step: Callable[[], None] = unnoticed,
+    ) -> None:
         """Add a light to the sums of receivers.
 
         Args:
             casts: Whether there are shadows.
+            step: Called after each camera of the light.
         """
         if light.kind != "dome":
             for each in self._maps(light, self.settings.light_samples, casts=casts):
                 for one in receivers:
                     self._illuminate(each, light, one, one.sums)
+                step()
             return
-        self._shine_sky(light, receivers, casts=casts and light.shadow.enable)
+        self._shine_sky(light, receivers, casts=casts and light.shadow.enable, step=step)
         for peak in peak_lights(light):
-            self.shine(peak, receivers, casts=casts)
+            self.shine(peak, receivers, casts=casts, step=step)
 
-    def _shine_sky(self, light: LightSpec, receivers: Sequence[Receivers], *, casts: bool) -> None:
+    def steps(self, light: LightSpec) -> int:
+        """Return the number of cameras of a light, without those of a dome's peaks."""
+        how = self.settings
+        samples = how.dome_samples if light.kind == "dome" else how.light_samples
+        return sum(1 for _ in self._cameras(light, samples, casts=True))
+
+    def are_kept(self, light: LightSpec) -> bool:
+        """Return whether the light shines on surfaces without maps to draw. A dome has too many for
+        a movement, even where they are kept."""
+        return light.kind != "dome" and all(
+            self._kept(camera, light, resolution) is not None
+            for camera, resolution, _ in self._cameras(
+                light, self.settings.light_samples, casts=True
+            )
+        )
+
+    def _shine_sky(
+        self,
+        light: LightSpec,
+        receivers: Sequence[Receivers],
+        *,
+        casts: bool,
+        step: Callable[[], None],
+    ) -> None:
         """Add the light of a dome without its peaks."""
         device = self.rasterizer.device
         seen = [NO_SUMS for _ in receivers]
@@ -100,6 +136,7 @@ class LightMaps:
             for each in self._maps(light, self.settings.dome_samples, casts=True):
                 for one, sums in zip(receivers, seen, strict=True):
                     self._illuminate(each, light, one, sums)
+                step()
         mean, ratios = smooth_light(light)
         for one, sums in zip(receivers, seen, strict=True):
             _, normals, _, prims = one.places
@@ -107,6 +144,13 @@ class LightMaps:
 
     def _maps(self, light: LightSpec, samples: int, *, casts: bool) -> Iterator[DepthMap]:
         """Yield the depth map of each camera of a light."""
+        for camera, resolution, count in self._cameras(light, samples, casts=casts):
+            yield self._map(camera, light, resolution, count)
+
+    def _cameras(
+        self, light: LightSpec, samples: int, *, casts: bool
+    ) -> Iterator[tuple[LightCamera, int, int]]:
+        """Yield each camera of a light, its resolution, and the number of the light's samples."""
         bounds, resolution = bounds_of(self.scene), self.settings.shadow_resolution
         if light.kind == "dome":
             resolution = min(resolution, DOME_RESOLUTION)
@@ -117,18 +161,18 @@ class LightMaps:
             one = record[None].copy()
             one["casts"] &= casts
             for camera in cameras_of(one, bounds, resolution):
-                yield self._map(camera, light, resolution, len(records))
+                yield camera, resolution, len(records)
 
     def _map(
         self, camera: LightCamera, light: LightSpec, resolution: int, samples: int
     ) -> DepthMap:
         """Return the depth map of a camera, drawn if it is not kept. Maps of a light are not kept
         if not all of them can be: the first ones would be gone when they are needed again."""
-        maps, key = self.kept, (_geometry(camera.light), resolution, light.casters)
-        held = maps.get(key)
-        if held is not None and held[0] == self.version:
+        maps, key = self.kept, _key(camera, light, resolution)
+        held = self._kept(camera, light, resolution)
+        if held is not None:
             maps.move_to_end(key)
-            return replace(held[1], light=camera.light)
+            return replace(held, light=camera.light)
 
         def casts(path: str) -> bool:
             return self._casts(path, light)
@@ -148,6 +192,16 @@ class LightMaps:
             maps.popitem(last=False)
         return made
 
+    def _kept(self, camera: LightCamera, light: LightSpec, resolution: int) -> DepthMap | None:
+        """Return the depth map of a camera; None if it must be drawn."""
+        found = self.kept.get(_key(camera, light, resolution))
+        if found is None:
+            return None
+        version, held = found
+        if self.draws:
+            return held if version == self.version else None
+        return held if version[:-1] == self.version[:-1] else None
+
     def _casts(self, path: str, light: LightSpec) -> bool:
         """Return whether the prim at a path casts shadows of a light. Shadow catchers stand for
         what a plate shows already, so they do not."""
@@ -163,6 +217,11 @@ class LightMaps:
             lighting.illuminate, each.light, points, normals, shapes, prims, to.linked, to.own,
             each.world_to_screen, each.views, (*each.splats, casts), each.tiles, each.depths, sums,
         )  # fmt: skip
+
+
+def _key(camera: LightCamera, light: LightSpec, resolution: int) -> Seen:
+    """Return what a camera of a light sees."""
+    return _geometry(camera.light), resolution, light.casters
 
 
 def _geometry(light: Any) -> tuple[Any, ...]:

@@ -10,6 +10,7 @@ from typing import Any
 from usdsplat.core.cloud import F32, I32
 from usdsplat.render.group_gains import GroupGains
 from usdsplat.render.lights.captured import CapturedLight
+from usdsplat.render.lights.last_light import LastLights
 from usdsplat.render.lights.light_maps import Maps
 from usdsplat.render.lights.targets import Key
 from usdsplat.render.lights.trees import TreeStore
@@ -39,6 +40,7 @@ class LightStore:
     """Receivers -> the centres of their field, and their order along a curve."""
     trees: TreeStore = field(default_factory=TreeStore)
     meshes: SurfaceCache = field(default_factory=SurfaceCache)
+    last: LastLights = field(default_factory=LastLights)
 
     def drop_others(self, keys: AbstractSet[Key]) -> None:
         """Drop what is kept of all receivers but these, beside sums."""

@@ -8,7 +8,7 @@ surfaces look at them in every band and picture.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -31,13 +31,16 @@ from usdsplat.render.lights.gains import (
     shares_of,
     summed,
 )
+from usdsplat.render.lights.last_light import light_version
 from usdsplat.render.lights.light_maps import LightMaps, Receivers, by_pixel
+from usdsplat.render.lights.light_steps import counted, unnoticed
 from usdsplat.render.lights.light_store import LightStore
 from usdsplat.render.lights.needs import NO_LIGHT, LightRequest, has_shadows, is_needed, mode_of
 from usdsplat.render.lights.specs import LightSpec
 from usdsplat.render.lights.targets import Key, Target, targets_of
 from usdsplat.render.lights.trees import Casters, casters_of
 from usdsplat.render.matte import is_matte
+from usdsplat.render.patience import ENDLESS, Patience
 from usdsplat.render.rasterizer import Rasterizer
 from usdsplat.render.scene import RenderScene
 from usdsplat.render.screen import Screen
@@ -57,6 +60,8 @@ class Lighting:
         view: A view with all shadow catchers, see `with_catchers`.
         layout: The splats that are drawn.
         wanted: The AOVs of light.
+        patience: Whether the light of this scene is computed, and what ends it. Parts of light, and
+            light that arrives, always are.
     """
 
     def __init__(
@@ -68,6 +73,7 @@ class Lighting:
         view: View,
         layout: DrawList,
         wanted: LightRequest = NO_LIGHT,
+        patience: Patience = ENDLESS,
     ) -> None:
         self._rasterizer, self._device = rasterizer, rasterizer.device
         self._buffers = buffers
@@ -77,6 +83,12 @@ class Lighting:
         self._settings, self._scene = settings, scene
         self._catchers, self._rules = view.catchers, view.light_rules
         self._layout, self._wanted = layout, wanted
+        self._waits = patience.light or bool(wanted.parts) or wanted.irradiance
+        self._cancel = patience.token
+        self.is_behind = False
+        """Whether something is shown without the light of this scene."""
+        self.steps = 0
+        """Samples of lights that were computed for splats."""
         self._cast = Casters(scene.drawn(), scene.draw_list(settings.splat_budget), {})
         if wanted.everything or has_shadows(scene, view, settings):
             self._cast = casters_of(scene, settings, self._store.trees)
@@ -85,11 +97,9 @@ class Lighting:
             tuple((path, f.shapes, f.crops, each) for path, f, each in self._cast.drawn),
             tuple((path, mesh.spec, each) for path, mesh, each in scene.drawn_meshes()),
             view.catchers,
-            (
-                settings.splat_budget, settings.shadow_resolution, settings.light_samples,
-                settings.dome_samples,
-            ),
-        )  # fmt: skip
+            (settings.shadow_resolution, settings.light_samples, settings.dome_samples),
+            settings.splat_budget,
+        )
         if self._version == self._store.version:
             self._version = self._store.version  # one object is compared quickly
         self._store.version = self._version
@@ -99,14 +109,20 @@ class Lighting:
             rasterizer=rasterizer, settings=settings, scene=scene, casters=self._casters,
             catches=lambda path: is_matte(path, catchers), version=self._version,
             kept=self._store.maps, meshes=self._store.meshes,
-            buffers=MapBuffers(rasterizer.device.resident),
+            buffers=MapBuffers(rasterizer.device.resident), draws=self._waits,
         )  # fmt: skip
         self._is_shadowed = settings.lighting != "captured"
         self.shares: dict[int, dict[str, Any]] = {}
         """First slot of a lit group -> share of each part of light in its colours."""
         self.arrivals: dict[int, Any] = {}
         """First slot of a group -> light that arrives at its splats, if it is needed."""
-        self.gains, self.ratios = self._of_splats()
+        last = self._store.last
+        version = light_version(scene, view, settings, layout, self._version[:-1], wanted)
+        if self._waits:
+            self.gains, self.ratios = self._of_splats()
+            last.keep(version, layout, self.gains, self.ratios)
+        else:
+            self.gains, self.ratios, self.is_behind = last.of(version, layout)
 
     @property
     def has_catchers(self) -> bool:
@@ -159,19 +175,24 @@ class Lighting:
         one = made.one(height, width) if parts else sums
         first = 0 if self._is_shadowed else 3
         names = self._scene.prims()
-        for _, light in sorted(self._scene.named_lights.items()):
-            linked = np.array([is_matte(name, light.linked) for name in names], np.uint8)
-            to = Receivers(
-                places=(points, normals, lighting.NO_SHAPES, prims), linked=linked,
-                own=ALL_APPEARANCES, sums=one,
-                seen=made.seen(height, width) if casts and light.kind == "dome" else None,
-            )  # fmt: skip
-            if parts:
-                run(total.clear, by_pixel(one))
-            self._maps.shine(light, [to], casts=casts)
-            if parts:
-                part = kept[parts.index(light.group)] if light.group in parts else NO_RATIOS
-                run(light_parts.collect, one, first, sums, part)
+        lights = [light for _, light in sorted(self._scene.named_lights.items())]
+        steps = sum(map(self._maps.steps, lights)) if casts and self._waits else 0
+        with counted("lighting surfaces", steps, self._cancel) as step:
+            for light in lights:
+                linked = np.array([is_matte(name, light.linked) for name in names], np.uint8)
+                shadows = casts and (self._waits or self._maps.are_kept(light))
+                self.is_behind |= casts and not shadows
+                to = Receivers(
+                    places=(points, normals, lighting.NO_SHAPES, prims), linked=linked,
+                    own=ALL_APPEARANCES, sums=one,
+                    seen=made.seen(height, width) if shadows and light.kind == "dome" else None,
+                )  # fmt: skip
+                if parts:
+                    run(total.clear, by_pixel(one))
+                self._maps.shine(light, [to], casts=shadows, step=step)
+                if parts:
+                    part = kept[parts.index(light.group)] if light.group in parts else NO_RATIOS
+                    run(light_parts.collect, one, first, sums, part)
         ratio = made.ratios(height, width) if casts else NO_RATIOS
         if casts:
             none = np.zeros(3, np.float32)
@@ -197,9 +218,13 @@ class Lighting:
             targets = targets_of(self._cast, self._layout, groups, self_shadows=own)
         wholes = list({each.whole.key: each.whole for each in targets if each.whole}.values())
         self._live: set[tuple[Key, str]] = set()
-        for path, light in sorted(lights.items()):
-            self._receive(path, light, targets, casts=True)
-            self._receive(path, light, wholes, casts=False)
+        named = sorted(lights.items())
+        todo = [(path, light, self._stale(path, light, targets)) for path, light in named]
+        self.steps = sum(self._maps.steps(light) for _, light, stale in todo if stale)
+        with counted("lighting", self.steps, self._cancel) as step:
+            for path, light, stale in todo:
+                self._receive(path, light, stale, casts=True, step=step)
+                self._receive(path, light, self._stale(path, light, wholes), casts=False)
         lit, ratios = {}, {}
         for target in targets:
             slot = target.group.slot
@@ -220,10 +245,10 @@ class Lighting:
         tree = self._scene.tree(group.field.tree) if group.field.is_node else None
         return mode_of(tree or group.field, self._settings, self._rules)
 
-    def _receive(
-        self, path: str, light: LightSpec, targets: Sequence[Target], *, casts: bool
-    ) -> None:
-        """Compute the sums of one light for those targets for which they are not kept."""
+    def _stale(
+        self, path: str, light: LightSpec, targets: Sequence[Target]
+    ) -> list[tuple[Target, Any]]:
+        """Return the targets for which the sums of a light are not kept, and their versions."""
         stale = []
         self._live.update((target.key, path) for target in targets)
         for target in targets:
@@ -231,6 +256,18 @@ class Lighting:
             held = self._store.sums.get((target.key, path))
             if held is None or held[0] != version:
                 stale.append((target, version))
+        return stale
+
+    def _receive(
+        self,
+        path: str,
+        light: LightSpec,
+        stale: Sequence[tuple[Target, Any]],
+        *,
+        casts: bool,
+        step: Callable[[], None] = unnoticed,
+    ) -> None:
+        """Compute the sums of one light, and keep them with the versions of the targets."""
         if not stale:
             return
         placed = [(target, self._placed(target)) for target, _ in stale]
@@ -250,7 +287,7 @@ class Lighting:
                 own = ALL_APPEARANCES if self._settings.self_shadows else appearance
                 part = sums[k * count : (k + 1) * count]
                 found.append(Receivers(places=places, linked=lighting.ONE_PRIM, own=own, sums=part))
-        self._maps.shine(light, found, casts=casts)
+        self._maps.shine(light, found, casts=casts, step=step)
         for (target, version), sums in zip(stale, room, strict=True):
             self._store.sums[target.key, path] = version, sums
 
@@ -361,7 +398,7 @@ class Lighting:
                 alone = replace(light, casters=own)
                 key = f"captured {path}"
                 casts = self._settings.self_shadows and not target.is_cut
-                self._receive(key, alone, [target], casts=casts)
+                self._receive(key, alone, self._stale(key, alone, [target]), casts=casts)
                 found.append(self._store.sums[target.key, key])
         return found or [self._estimated(target)]
 
@@ -393,8 +430,10 @@ def lighting_of(
     view: View,
     layout: DrawList,
     aovs: Sequence[str],
+    patience: Patience = ENDLESS,
 ) -> Lighting | None:
-    """Return the light of a sample; None if nothing of the picture depends on it."""
+    """Return the light of a sample, see `Lighting`; None if the picture does not depend on it."""
     if not is_needed(scene, view, settings, aovs):
         return None
-    return Lighting(rasterizer, buffers, settings, scene, view, layout, LightRequest.of(aovs))
+    wanted = LightRequest.of(aovs)
+    return Lighting(rasterizer, buffers, settings, scene, view, layout, wanted, patience)

@@ -2,16 +2,19 @@
 
 import { made } from "./knobs.js";
 
-export const GESTURES = [
-  ["Drag; one finger", "orbit"],
-  ["Shift-drag, middle drag; two fingers", "pan"],
-  ["Wheel, Alt and right drag; pinch", "go nearer or away"],
-  ["Right drag", "look around"],
-  ["Hold W A S D Q E", "fly; Shift is faster"],
-  ["Click; tap", "pick a splat or a mesh, and select its prim"],
-  ["Double click", "orbit the point under the pointer"],
-  ["Double tap", "frame what is there, or everything"],
-  ["Drag the wipe", "move the line of the comparison"],
+const TOUCH = matchMedia("(pointer: coarse) and (hover: none)"); // no mouse, and mostly no keys
+
+/** With a mouse, with fingers, and what it does; "" for a way that does not exist. */
+const GESTURES = [
+  ["Drag", "One finger", "orbit"],
+  ["Shift-drag, middle drag", "Two fingers", "pan"],
+  ["Wheel, Alt and right drag", "Pinch", "go nearer or away"],
+  ["Right drag", "", "look around"],
+  ["Hold W A S D Q E", "", "fly; Shift is faster"],
+  ["Click", "Tap", "pick a splat or a mesh, and select its prim"],
+  ["Double click", "", "orbit the point under the pointer"],
+  ["", "Double tap", "frame what is there, or everything"],
+  ["Drag the wipe", "Drag the wipe", "move the line of the comparison"],
 ];
 
 /**
@@ -31,7 +34,9 @@ export function listen(actions, help) {
     event.preventDefault();
     action.run(event);
   });
-  const rows = [...GESTURES, ...actions.map((each) => [each.keys, each.text])];
+  const gestures = GESTURES.map(([mouse, fingers, text]) => [TOUCH.matches ? fingers : mouse, text]);
+  const keys = TOUCH.matches ? [] : actions.map((each) => [each.keys, each.text]);
+  const rows = [...gestures.filter(([way]) => way), ...keys];
   help.querySelector("tbody").replaceChildren(...rows.map(([keys, text]) => {
     const row = made("tr");
     row.append(made("th", { textContent: keys, scope: "row" }), made("td", { textContent: text }));

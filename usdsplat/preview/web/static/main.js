@@ -13,7 +13,7 @@ const at = (id) => document.getElementById(id);
 const FREE = "free camera";
 const ALL = "frame everything";
 
-const SMALL = matchMedia("(max-width: 760px)"); // as in style.css
+const SMALL = matchMedia("(max-width: 760px), (max-height: 480px)"); // as in style.css
 
 const send = (type, members) => connection.send(type, members);
 showPanels(!SMALL.matches); // before the viewport is measured
@@ -91,13 +91,14 @@ const heard = {
     at("problem").firstElementChild.textContent = sentence;
   },
   busy(what) {
+    at("busy").dataset.busy = what;
     at("busy").hidden = !what;
     at("busy").textContent = what;
   },
   said(sentence) {
     at("busy").hidden = false;
     at("busy").textContent = sentence;
-    setTimeout(() => { if (at("busy").textContent === sentence) at("busy").hidden = true; }, 3000);
+    setTimeout(() => { if (at("busy").textContent === sentence) heard.busy(at("busy").dataset.busy ?? ""); }, 3000);
   },
   seats: showSeats,
   watching() { // answers an action that only the driving page may do
@@ -169,7 +170,7 @@ function showHud(header) {
   const { total, ...stages } = header.milliseconds;
   const reading = header.missing ? ` · reading ${count(header.missing)} nodes` : "";
   at("counts").textContent = `${count(header.splats)} of ${count(header.total)} splats${reading}`;
-  const quality = header.is_final ? "full" : header.is_sharp ? "sharp" : header.scale > 1 ? `1 : ${short(header.scale)}` : "coarse";
+  const quality = header.lacks_light ? "last light" : header.is_final ? "full" : header.is_sharp ? "sharp" : header.scale > 1 ? `1 : ${short(header.scale)}` : "coarse";
   const size = ` · ${header.width} × ${header.height}, ${quality}`;
   const rate = viewport.rate ? ` · ${viewport.rate.toFixed(0)} fps` : "";
   at("speed").textContent = `${(total ?? 0).toFixed(0)} ms${rate}${size}`;
@@ -195,14 +196,25 @@ function showParameters(prims) {
   for (const prim of prims) parameters.get(prim.path).show(prim.editors);
 }
 
+/** Names of picked values, as in the window. */
+const WORDS = {
+  path: "Prim", kind: "Kind", instance: "Instance", position: "Seen at", id: "Id", center: "Centre",
+  world_center: "In the world", scales: "Scales", rotation: "Rotation wxyz", opacity: "Opacity",
+  color: "Colour", sh_degree: "SH degree",
+};
+
 function showPicked(picked) {
+  if (at("panels").hidden) heard.said(picked === null ? "Nothing is there." : picked.path);
   if (picked === null) {
     at("picked").replaceChildren(made("p", { className: "quiet", textContent: "Nothing is there." }));
     return;
   }
   const list = made("dl");
+  const own = picked.splat?.id === picked.element; // the id of a splat without one is its row
   for (const [name, value] of flat(picked)) {
-    list.append(made("dt", { textContent: name.replaceAll("_", " ") }), made("dd", { textContent: value }));
+    if ((name === "id" && own) || (name === "instance" && !picked.instance)) continue;
+    const word = name === "element" ? (picked.splat ? "Splat" : "Face") : WORDS[name];
+    list.append(made("dt", { textContent: word }), made("dd", { textContent: value }));
   }
   at("picked").replaceChildren(list);
 }

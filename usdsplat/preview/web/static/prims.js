@@ -90,6 +90,7 @@ export class Prims {
     for (const [each, { element }] of this.rows) if (element && !element.isConnected) this.rows.delete(each);
     if (rest.length) this.ask(path, last);
     this.mark();
+    this.reveal();
   }
 
   showFound({ text, paths }) {
@@ -106,8 +107,29 @@ export class Prims {
   }
 
   select(paths) {
+    const isNew = (path) => !this.selected.has(path);
+    this.hidden = new Set([...(this.hidden ?? []), ...paths.filter(isNew)].filter((path) => paths.includes(path)));
     this.selected = new Set(paths);
     this.mark();
+    this.reveal();
+  }
+
+  /** Open the ancestors of what was selected elsewhere, as far as they are read, and scroll to it. */
+  reveal() {
+    if (this.field.value.trim()) return;
+    for (const path of this.hidden ?? []) {
+      const found = this.rows.get(path);
+      if (found) {
+        this.hidden.delete(path);
+        found.element?.scrollIntoView({ block: "nearest" });
+        continue;
+      }
+      const parts = path.split("/").slice(1, -1);
+      const above = parts.map((_, index) => `/${parts.slice(0, index + 1).join("/")}`);
+      const shut = above.find((each) => !this.rows.get(each)?.isOpen);
+      const row = this.rows.get(shut);
+      if (row) this.fold(shut, row.element.querySelector(".fold"));
+    }
   }
 
   mark() {

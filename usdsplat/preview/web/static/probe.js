@@ -38,14 +38,14 @@ export class Probe {
     const bytes = probed.shown.map((part) => Math.round(255 * part));
     this.swatch.style.background = `rgb(${bytes.join(" ")})`;
     const rows = [
-      ["pixel", `${probed.x}, ${probed.y}`],
-      ["on the screen", probed.shown.map((part) => part.toFixed(3)).join(", ")],
+      ["Pixel", `${probed.x}, ${probed.y}`],
+      ["On the screen", probed.shown.map((part) => part.toFixed(3)).join(", ")],
       ["8 bit", bytes.join(", ")],
-      ["before the view", probed.rendered.map(short).join(", ")],
+      ["RGBA before the view", probed.rendered.map(short).join(", ")],
     ];
     if (probed.aov !== "color") probed.channels.forEach((name, index) => rows.push([name, short(probed.values[index])]));
     if (probed.position) rows.push(["P", probed.position.map(short).join(", ")]);
-    if (probed.path) rows.push(["prim", probed.path], ["element", short(probed.element)]);
+    if (probed.path) rows.push(["Prim", probed.path], ["Face or splat", short(probed.element)]);
     this.list.replaceChildren(...rows.flatMap(([name, value]) => [
       made("dt", { textContent: name }), made("dd", { textContent: value }),
     ]));

@@ -1,0 +1,75 @@
+"""Tests of stages without lights: what the window says, and the lights that it adds."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pxr import UsdLux
+
+from tests.preview.qt.conftest import wait_until
+from tests.preview.qt.windows import press, settled
+from usdsplat.preview.qt.window import Window
+from usdsplat.preview.qt.workspace import Workspace
+from usdsplat.preview.stage_model.edits import Edits
+from usdsplat.preview.stage_model.lights import add_dome_light
+from usdsplat.preview.told import NO_LIGHTS
+from usdsplat.render.settings import RenderSettings
+
+
+def test_a_stage_without_lights_says_so_and_offers_one(
+    window: Window, workspace: Workspace
+) -> None:
+    """Oracle: what is shown; the new light is the selection, with handles, lies on the session
+    layer, changes the picture and shines from above left of the view; undo takes it away, and the
+    offer comes again."""
+    offer, context = workspace.render_panel.lights, workspace.context
+    workspace.right.setCurrentWidget(workspace.render_panel)
+    assert offer.isHidden()
+    context.set_look(settings=RenderSettings(lighting="relit"))
+    wait_until(lambda: offer.isVisible())
+    before = settled(workspace)
+    assert NO_LIGHTS in before.warnings and window.note == NO_LIGHTS
+    offer.key.click()
+    wait_until(lambda: context.viewer.state.selected == ("/KeyLight",))
+    wait_until(lambda: workspace.viewport.manipulator is not None)
+    picture = settled(workspace)
+    assert offer.isHidden() and picture.lights == 1 and not picture.warnings
+    assert (picture.image != before.image).any()
+    (mark,) = picture.overlays.lights
+    to_world = np.reshape(mark.matrix, (4, 4))
+    view = np.reshape(picture.camera.world_to_camera, (4, 4))
+    right, up, back = view[:3, :3] @ to_world[:3, 2]  # it shines along its -Z
+    assert right < -0.3 and up > 0.3 and back > 0.3
+    assert workspace.viewport.projection is not None
+    x, y = workspace.viewport.projection.pixels(mark.place)[0]
+    width, height = picture.state.size
+    assert 0 < x < width / 2 and 0 < y < height / 2
+    press(window, "Ctrl+Z")
+    wait_until(lambda: offer.isVisible())
+    assert context.picture is not None and context.picture.lights == 0
+
+
+@pytest.mark.parametrize("axis", ["Y", "Z"])
+def test_a_dome_has_its_texture_and_its_pole_up(stage, axis: str) -> None:
+    """Oracle: UsdLux: the texture that was given, and the transform that
+    `DomeLight.OrientToStageUpAxis` authors on a stage of the same axis."""
+    from pxr import Usd, UsdGeom
+
+    UsdGeom.SetStageUpAxis(stage, axis)
+    edits = Edits(stage)
+    path = add_dome_light(edits, Path("/some/sky.exr"))
+    light = UsdLux.DomeLight(stage.GetPrimAtPath(path))
+    assert light.GetTextureFileAttr().Get().path == "/some/sky.exr"
+    other = Usd.Stage.CreateInMemory()
+    UsdGeom.SetStageUpAxis(other, axis)
+    like = UsdLux.DomeLight.Define(other, "/Dome")
+    like.OrientToStageUpAxis()
+    ours = UsdGeom.Xformable(light).GetLocalTransformation()
+    np.testing.assert_allclose(ours, UsdGeom.Xformable(like).GetLocalTransformation(), atol=1e-12)
+    assert stage.GetSessionLayer().GetPrimAtPath(path) is not None
+    assert add_dome_light(edits) == "/DomeLight1"
+    edits.undo()
+    edits.undo()
+    assert not stage.GetPrimAtPath(path)
