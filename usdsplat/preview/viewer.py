@@ -18,14 +18,8 @@ from usdsplat.preview.latest_request import Asks
 from usdsplat.preview.placement import Placement, Placing
 from usdsplat.preview.timeline import Timeline
 from usdsplat.preview.values import (
-    DisplaySettings,
-    Look,
-    Opened,
-    Picture,
-    SimulationStatus,
-    StageChanged,
-    ViewState,
-)
+    DisplaySettings, Look, Opened, Picture, SimulationStatus, StageChanged, ViewState,
+)  # fmt: skip
 from usdsplat.render.specs import CameraSpec, Matrix
 from usdsplat.render.subject import Subject
 
