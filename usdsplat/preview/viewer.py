@@ -18,8 +18,14 @@ from usdsplat.preview.latest_request import Asks
 from usdsplat.preview.placement import Placement, Placing
 from usdsplat.preview.timeline import Timeline
 from usdsplat.preview.values import (
-    DisplaySettings, Look, Opened, Picture, SimulationStatus, StageChanged, ViewState,
-)  # fmt: skip
+    DisplaySettings,
+    Look,
+    Opened,
+    Picture,
+    SimulationStatus,
+    StageChanged,
+    ViewState,
+)
 from usdsplat.render.specs import CameraSpec, Matrix
 from usdsplat.render.subject import Subject
 
@@ -330,8 +336,6 @@ class Viewer:
     def set_overlays(self, **shows: bool) -> None:
         """Set which overlays are wanted, by the names of the state's fields."""
         self._see(**shows)
-
-    # --- what is selected ------------------------------------------------------------------
 
     def select(self, paths: tuple[str, ...]) -> None:
         """Select these prims and no others."""
