@@ -28,7 +28,7 @@ class CountingRenderer:
         self.fails = self.copies = False
         self.stats = FrameStats()
 
-    def render(self, scene, view, settings, aovs, *, sampler, cancel):
+    def render(self, scene, view, settings, aovs, *, sampler, patience):
         self.drawn += 1
         x0, y0, x1, y1 = view.framing.window
         rows = y1 - y0 if self.copies else 2
