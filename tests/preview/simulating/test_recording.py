@@ -88,6 +88,25 @@ def test_edits_of_the_session_are_recorded_and_those_that_come_later_are_not(
         assert files(target) == expected
 
 
+def test_a_recording_that_cannot_be_shown_goes_on(tmp_path: Path) -> None:
+    """Oracle: the command's bake of the stage at the start, to the byte; the field is gone from the
+    session's stage before its first frame, and no frame is shown there."""
+    stage = shot(tmp_path, LIVELY, last=LAST)
+    expected = files(baked(stage, "command"))
+    target = place(stage, "preview")
+    stage.SetEditTarget(stage.GetSessionLayer())
+    with running(stage) as (host, runner):
+        with host.lock:
+            runner.record(target)
+            stage.GetPrimAtPath("/World").SetActive(False)
+        status = host.wait(lambda event: event.state == "failed" or str(target) in event.message)
+        assert (status.state, status.frames) == ("ready", None), status.message
+        assert status.recorded == (LAST, LAST)
+        assert "not shown" in " ".join(status.notes)
+        assert files(target) == expected
+        assert not stage.GetSessionLayer().subLayerPaths
+
+
 def test_a_recording_that_was_stopped_is_resumed(tmp_path: Path) -> None:
     """Oracle: all bytes of a bake that nobody disturbed."""
     stage = shot(tmp_path, LIVELY, last=LAST)

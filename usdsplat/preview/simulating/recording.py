@@ -73,6 +73,7 @@ class Recording(ShownJob):
         self._told: float | None = None
         """Last frame whose end was reported."""
         self._last = 0.0
+        self._shows = True
         self._after = after
         # Copied here, where the caller has the lock, so that the recorded state is the visible one.
         self._stage = twin(host.stage, without)
@@ -149,7 +150,22 @@ class Recording(ShownJob):
         return self.is_over and not self.failure and self.count[0] > 0
 
     def _seen(self, simulation: Simulation, time: float, frames: Mapping[str, Frame]) -> None:
-        """Show a frame that was recorded."""
+        """Show a frame that was recorded, on the host's stage, which may have changed meanwhile.
+
+        What cannot be shown there is recorded all the same.
+        """
+        if self._shows:
+            try:
+                self._show_recorded(simulation, time, frames)
+            except Exception as error:  # whatever the edits of the stage lead to
+                self._hide(error)
+        self.frame = time
+        self.splats = sum(len(solver.state) for solver in simulation.solvers.values())
+        self._host.wake()
+
+    def _show_recorded(
+        self, simulation: Simulation, time: float, frames: Mapping[str, Frame]
+    ) -> None:
         if self.layer is None:
             with self._reading:
                 refined = simulation.refinement.layer
@@ -157,8 +173,15 @@ class Recording(ShownJob):
                     self._compose(self._host.stage, refined)
                 self._open_layer(baked_fields(simulation))
         self._show(time, frames, is_last=time == self._every[-1])
-        self.splats = sum(len(solver.state) for solver in simulation.solvers.values())
-        self._host.wake()
+
+    def _hide(self, error: Exception) -> None:
+        """Show no frames any more, after an error."""
+        self._shows, self.frames = False, None
+        self.notes = (*self.notes, f"frames are recorded, but not shown: {error}")
+        with self._reading:
+            layer, self.layer = self.layer, None
+            if layer is not None and not self._is_removed:
+                layer.remove()
 
     @property
     def stopped(self) -> str:
