@@ -6,6 +6,7 @@ import pytest
 
 from tests.products.test_tiles import content
 from usdsplat.cli import sharing
+from usdsplat.cli.bundles import on_a_farm
 from usdsplat.cli.job_options import JobOptions
 from usdsplat.cli.reporting import Reporter, ReportingOptions
 from usdsplat.cli.sharing import EFFICIENCY, LOADING, Capacity, Pace, may_share
@@ -124,12 +125,13 @@ def test_what_is_done_again_counts():
 
 def test_limited_commands_and_workers_stay_alone(monkeypatch):
     """Oracle: by hand: --threads, --memory-limit and such limit one process; a worker of a job
-    shares its machine with others."""
+    and a task of a farm share their machine with others."""
     reporter = Reporter(ReportingOptions())
     assert may_share(JobOptions(), reporter, None, None)
     assert not may_share(JobOptions(), reporter, None, 4)
     assert not may_share(JobOptions(jobs="1"), reporter)
     assert not may_share(JobOptions(), Reporter(ReportingOptions(strict=True)))
+    assert not may_share(JobOptions(), Reporter(on_a_farm(ReportingOptions())))
     monkeypatch.setenv("USDSPLAT_JOB_WORKER", "1")
     assert not may_share(JobOptions(), reporter)
 

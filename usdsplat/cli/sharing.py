@@ -210,7 +210,8 @@ class SharedPace(Pace):
 def may_share(job: JobOptions, reporter: Reporter, *limits: object) -> bool:
     """Return whether a command may let other processes go on.
 
-    A worker of a job may not, nor a command whose work, memory or threads are limited.
+    A worker of a job or a task of a farm may not, nor a command whose work, memory or threads are
+    limited.
 
     Args:
         job: Its options.
@@ -219,7 +220,7 @@ def may_share(job: JobOptions, reporter: Reporter, *limits: object) -> bool:
     """
     from usdsplat.jobs.local import MARKED
 
-    is_part = reporter.keeper is not None or MARKED in os.environ
+    is_part = reporter.keeper is not None or reporter.is_of_farm or MARKED in os.environ
     is_limited = any(each is not None for each in limits) or reporter.findings.is_strict
     return not (job.is_asked or is_part or is_limited)
 
