@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
+from pxr import Gf, Usd, UsdRender
 
 from tests.products.test_tiles import content
 from usdsplat.cli import sharing
@@ -168,6 +171,39 @@ def test_pictures_that_processes_take_over_are_those_of_one(run, run_json, shot,
     kept = [{**each, **times} for each in alone["pictures"] if each["frame"] not in (2, 6)]
     assert [{**each, **times} for each in report["pictures"]] == kept
     assert {each.name: content(each) for each in out.parent.iterdir()} == pictures
+
+
+@pytest.mark.usefixtures("compiled", "eager")
+@pytest.mark.parametrize("words", [(), ("--resume",)], ids=["all", "resume"])
+def test_pictures_of_several_products_are_drawn_and_told_once(
+    run, run_json, shot, tmp_path, monkeypatch, words
+):
+    """Oracle: by hand: frame by frame, each of three products once, also where one is there."""
+    monkeypatch.chdir(tmp_path)
+    stage = Usd.Stage.Open(str(shot))
+    settings = UsdRender.Settings.Define(stage, "/Render/Settings")
+    settings.CreateResolutionAttr(Gf.Vec2i(32, 20))
+    settings.CreateCameraRel().SetTargets(["/World/Cam"])
+    stage.SetMetadata("renderSettingsPrimPath", "/Render/Settings")
+    for name in "abc":
+        product = UsdRender.Product.Define(stage, f"/Render/{name}")
+        product.CreateProductNameAttr(f"out/{name}.$F4.png")
+        settings.CreateProductsRel().AddTarget(product.GetPath())
+    stage.Save()
+    render = ("render", shot, "--frames", "1-4", "--device", "cpu", *words)
+    there = [(1, "c"), (3, "a")] if words else []
+    for frame, name in there:
+        one = ("--frames", f"{frame}", "--product", f"/Render/{name}", "--jobs", "1")
+        assert run(*render[:2], *one, "--device", "cpu")[0] == 0
+    expected = [(n, each) for n in range(1, 5) for each in "abc" if (n, each) not in there]
+    report = run_json(*render, "-q")
+    told = [(each["frame"], Path(each["path"]).name[0]) for each in report["pictures"]]
+    assert told == expected
+    if there:
+        return
+    status, out, err = run(*render)
+    assert status == 0 and "2 processes go on" in err
+    assert len(out.split()) == len(set(out.split())) == 12
 
 
 @pytest.mark.usefixtures("compiled", "eager")
