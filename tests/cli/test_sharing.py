@@ -16,7 +16,7 @@ from usdsplat.cli.sharing import EFFICIENCY, LOADING, Capacity, Pace, may_share
 from usdsplat.core.progress import silent
 
 GIB = 1 << 30
-HERE = Capacity(cores=8, free=0, peak=GIB)
+HERE = Capacity(cores=8, free=64 * GIB, peak=GIB)
 
 
 @pytest.mark.parametrize("serial", [0.0, 0.2, 1.0])
@@ -38,7 +38,9 @@ def test_processes_are_as_many_as_cores_gpus_memory_and_tasks_allow():
     assert HERE.processes(100) == 8 and HERE.processes(3) == 3
     assert Capacity(cores=8, free=5 * GIB + 1, peak=2 * GIB).processes(100) == 2
     assert Capacity(cores=8, free=GIB, peak=2 * GIB).processes(100) == 1
-    with_gpus = Capacity(cores=8, free=0, peak=GIB, gpus=4)
+    assert Capacity(cores=8, free=0, peak=GIB).processes(100) == 1  # nobody knows whether they fit
+    assert Capacity(cores=8, free=GIB, peak=0).processes(100) == 1
+    with_gpus = Capacity(cores=8, free=64 * GIB, peak=GIB, gpus=4)
     assert with_gpus.processes(100) == 4
     assert with_gpus.speedup(4, 0.1) == pytest.approx(4 * EFFICIENCY)
     assert with_gpus.speedup(4, 0.5) == pytest.approx(2 * EFFICIENCY)
@@ -145,7 +147,7 @@ def eager(monkeypatch):
     monkeypatch.setattr(sharing, "MEASURED", 0.0)
     monkeypatch.setattr(sharing, "LEAST_SAVED", -1e9)
     monkeypatch.setattr(sharing, "LEAST_PART", -1e9)
-    monkeypatch.setattr(sharing, "capacity", lambda device: Capacity(cores=2, free=0, peak=1))
+    monkeypatch.setattr(sharing, "capacity", lambda device: Capacity(cores=2, free=GIB, peak=1))
     for module in ("render", "convert", "simulate"):
         monkeypatch.setattr(f"usdsplat.cli.{module}.capacity", sharing.capacity)
 
