@@ -131,6 +131,23 @@ def test_a_recording_that_was_stopped_is_resumed(tmp_path: Path) -> None:
         assert not can_resume(target)
 
 
+def test_a_resumed_recording_that_is_stopped_counts_the_frames_of_its_bake(tmp_path: Path) -> None:
+    """Oracle: the bake's record; the frames from before are in it, though they come again."""
+    stage = shot(tmp_path, {}, last=LAST)
+    target = place(stage, "preview")
+    with running(stage) as (host, runner):
+        for frame, existing in ((5.0, "error"), (2.0, "resume")):
+            runner.record(target, existing=existing)
+            host.reached(frame)
+            runner.pause()
+            runner.stop()
+            status = host.wait(lambda event: bool(event.bake))
+            record = read_record(Sdf.Layer.OpenAsAnonymous(str(target)))
+            assert record is not None
+            assert status.recorded == (record["completedFrames"], LAST)
+            assert 5 <= record["completedFrames"] < LAST
+
+
 @pytest.mark.parametrize("values", [LIVELY, {}], ids=["checkpoints", "none"])
 @pytest.mark.parametrize("ends", ["reset", "close"])
 def test_a_recording_that_was_stopped_is_a_whole_bake(
