@@ -12,10 +12,10 @@ from usdsplat.cli.job_options import (
     resources_of,
     resumed,
 )
+from usdsplat.core import system_memory
 from usdsplat.core.errors import UsageError
 from usdsplat.kernels import device
 from usdsplat.kernels.cuda import support
-from usdsplat.render import memory
 
 GIB = 1 << 30
 
@@ -24,7 +24,7 @@ GIB = 1 << 30
 def machine(monkeypatch):
     """A machine of 12 cores and 8.5 GiB of free memory, without a GPU."""
     monkeypatch.setattr(device, "usual_threads", lambda: 12)
-    monkeypatch.setattr(memory, "free", lambda: int(8.5 * GIB))
+    monkeypatch.setattr(system_memory, "free", lambda: int(8.5 * GIB))
     monkeypatch.setattr(support, "gpu_count", lambda: 0)
     monkeypatch.delenv("CUDA_VISIBLE_DEVICES", raising=False)
 

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
+from pxr import Gf, Usd, UsdRender
 
 from tests.products.test_tiles import content
 from usdsplat.cli import sharing
+from usdsplat.cli.bundles import on_a_farm
 from usdsplat.cli.job_options import JobOptions
 from usdsplat.cli.reporting import Reporter, ReportingOptions
 from usdsplat.cli.sharing import EFFICIENCY, LOADING, Capacity, Pace, may_share
 from usdsplat.core.progress import silent
 
 GIB = 1 << 30
-HERE = Capacity(cores=8, free=0, peak=GIB)
+HERE = Capacity(cores=8, free=64 * GIB, peak=GIB)
 
 
 @pytest.mark.parametrize("serial", [0.0, 0.2, 1.0])
@@ -34,7 +38,9 @@ def test_processes_are_as_many_as_cores_gpus_memory_and_tasks_allow():
     assert HERE.processes(100) == 8 and HERE.processes(3) == 3
     assert Capacity(cores=8, free=5 * GIB + 1, peak=2 * GIB).processes(100) == 2
     assert Capacity(cores=8, free=GIB, peak=2 * GIB).processes(100) == 1
-    with_gpus = Capacity(cores=8, free=0, peak=GIB, gpus=4)
+    assert Capacity(cores=8, free=0, peak=GIB).processes(100) == 1  # nobody knows whether they fit
+    assert Capacity(cores=8, free=GIB, peak=0).processes(100) == 1
+    with_gpus = Capacity(cores=8, free=64 * GIB, peak=GIB, gpus=4)
     assert with_gpus.processes(100) == 4
     assert with_gpus.speedup(4, 0.1) == pytest.approx(4 * EFFICIENCY)
     assert with_gpus.speedup(4, 0.5) == pytest.approx(2 * EFFICIENCY)
@@ -124,12 +130,13 @@ def test_what_is_done_again_counts():
 
 def test_limited_commands_and_workers_stay_alone(monkeypatch):
     """Oracle: by hand: --threads, --memory-limit and such limit one process; a worker of a job
-    shares its machine with others."""
+    and a task of a farm share their machine with others."""
     reporter = Reporter(ReportingOptions())
     assert may_share(JobOptions(), reporter, None, None)
     assert not may_share(JobOptions(), reporter, None, 4)
     assert not may_share(JobOptions(jobs="1"), reporter)
     assert not may_share(JobOptions(), Reporter(ReportingOptions(strict=True)))
+    assert not may_share(JobOptions(), Reporter(on_a_farm(ReportingOptions())))
     monkeypatch.setenv("USDSPLAT_JOB_WORKER", "1")
     assert not may_share(JobOptions(), reporter)
 
@@ -140,7 +147,7 @@ def eager(monkeypatch):
     monkeypatch.setattr(sharing, "MEASURED", 0.0)
     monkeypatch.setattr(sharing, "LEAST_SAVED", -1e9)
     monkeypatch.setattr(sharing, "LEAST_PART", -1e9)
-    monkeypatch.setattr(sharing, "capacity", lambda device: Capacity(cores=2, free=0, peak=1))
+    monkeypatch.setattr(sharing, "capacity", lambda device: Capacity(cores=2, free=GIB, peak=1))
     for module in ("render", "convert", "simulate"):
         monkeypatch.setattr(f"usdsplat.cli.{module}.capacity", sharing.capacity)
 
@@ -166,6 +173,39 @@ def test_pictures_that_processes_take_over_are_those_of_one(run, run_json, shot,
     kept = [{**each, **times} for each in alone["pictures"] if each["frame"] not in (2, 6)]
     assert [{**each, **times} for each in report["pictures"]] == kept
     assert {each.name: content(each) for each in out.parent.iterdir()} == pictures
+
+
+@pytest.mark.usefixtures("compiled", "eager")
+@pytest.mark.parametrize("words", [(), ("--resume",)], ids=["all", "resume"])
+def test_pictures_of_several_products_are_drawn_and_told_once(
+    run, run_json, shot, tmp_path, monkeypatch, words
+):
+    """Oracle: by hand: frame by frame, each of three products once, also where one is there."""
+    monkeypatch.chdir(tmp_path)
+    stage = Usd.Stage.Open(str(shot))
+    settings = UsdRender.Settings.Define(stage, "/Render/Settings")
+    settings.CreateResolutionAttr(Gf.Vec2i(32, 20))
+    settings.CreateCameraRel().SetTargets(["/World/Cam"])
+    stage.SetMetadata("renderSettingsPrimPath", "/Render/Settings")
+    for name in "abc":
+        product = UsdRender.Product.Define(stage, f"/Render/{name}")
+        product.CreateProductNameAttr(f"out/{name}.$F4.png")
+        settings.CreateProductsRel().AddTarget(product.GetPath())
+    stage.Save()
+    render = ("render", shot, "--frames", "1-4", "--device", "cpu", *words)
+    there = [(1, "c"), (3, "a")] if words else []
+    for frame, name in there:
+        one = ("--frames", f"{frame}", "--product", f"/Render/{name}", "--jobs", "1")
+        assert run(*render[:2], *one, "--device", "cpu")[0] == 0
+    expected = [(n, each) for n in range(1, 5) for each in "abc" if (n, each) not in there]
+    report = run_json(*render, "-q")
+    told = [(each["frame"], Path(each["path"]).name[0]) for each in report["pictures"]]
+    assert told == expected
+    if there:
+        return
+    status, out, err = run(*render)
+    assert status == 0 and "2 processes go on" in err
+    assert len(out.split()) == len(set(out.split())) == 12
 
 
 @pytest.mark.usefixtures("compiled", "eager")

@@ -53,6 +53,19 @@ def test_the_purposes_of_the_viewport_are_exported(guided, tmp_path, purposes, f
     assert f"{len(expected)} splats" in said
 
 
+@pytest.mark.parametrize(
+    ("purposes", "fields"), [(("default", "render"), "A"), (("default", "render", "guide"), "AB")]
+)
+def test_a_page_has_the_purposes_of_the_viewport(guided, tmp_path, purposes, fields):
+    """Oracle: the numbers of splats of the fields, exported by their names."""
+    paths = [tmp_path / f"{each}.ply" for each in fields]
+    for path in paths:
+        export_capture(guided.stage, path, prim_path=f"/World/{path.stem}")
+    state = replace(STATE, purposes=purposes, camera=None)
+    said = export_seen(guided, state, tmp_path / "seen.html")
+    assert f", {sum(len(read(path)) for path in paths)} splats" in said
+
+
 def test_there_is_nothing_to_export_of_other_purposes(guided, tmp_path):
     """Oracle: the sentence, and no file."""
     with pytest.raises(StageError, match="expected a visible splat field"):

@@ -146,8 +146,8 @@ def _package(name: str, extra: str) -> Line:
 
 
 def _devices() -> Iterator[Line]:
+    from usdsplat.core.system_memory import free
     from usdsplat.kernels.cuda import support
-    from usdsplat.render.memory import free
 
     yield Line(name="CPU", found=f"{counted(os.cpu_count() or 1, 'core')}, {platform.machine()}")
     if available := free():

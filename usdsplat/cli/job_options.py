@@ -141,9 +141,9 @@ def environments(
     Raises:
         UsageError: If the number of processes is out of range.
     """
+    from usdsplat.core.system_memory import free
     from usdsplat.kernels.cuda.support import gpu_count
     from usdsplat.kernels.device import usual_threads
-    from usdsplat.render.memory import free
 
     cores = usual_threads()
     gpus = [] if device == "cpu" else _visible_gpus(gpu_count())

@@ -43,11 +43,10 @@ notes:
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, replace
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from usdsplat import images
 from usdsplat.cli import console
@@ -113,7 +112,8 @@ def _run_here(options: Options, drawing: DrawOptions, reporter: Reporter) -> int
     ):
         pace = Pace(progress, lambda: capacity(engine.device), compiled=compiled)
         report, files = [], files_of(plans, frames)
-        after = {frame: len(frames) - i - 1 for i, frame in enumerate(frames)}
+        # Asked after the last picture of a frame, as tasks draw whole frames.
+        after = {str(path): frames[i + 1 :] for i, path in enumerate(files[-1])}
         processes = 1
         for drawn in draw_frames(
             engine,
@@ -127,9 +127,9 @@ def _run_here(options: Options, drawing: DrawOptions, reporter: Reporter) -> int
             report.append({**asdict(drawn), "path": str(drawn.path)})
             if not options.json:
                 console.say_path(drawn.path)
-            processes = pace.processes(after[drawn.frame]) if may_go_on else 1
+            left = after.get(str(drawn.path), ())
+            processes = pace.processes(len(left)) if may_go_on else 1
             if processes > 1:
-                left = _left(report, files, frames, drawn.frame)
                 task = _task(options, plans, frames, engine.device)
                 break
     if processes == 1:
@@ -140,19 +140,6 @@ def _run_here(options: Options, drawing: DrawOptions, reporter: Reporter) -> int
     workers = environments(job, device=task.device, threads=None)
     with JobRunner(job, reporter, workers, DRAWING) as runner:
         return run_as_job(options, task, plans, frames, runner, reporter, left=left, drawn=report)
-
-
-def _left(
-    report: Sequence[Mapping[str, Any]],
-    files: Sequence[Sequence[Path]],
-    frames: Sequence[float],
-    frame: float,
-) -> tuple[float, ...]:
-    """Return the frames that are not complete after a picture of one of them."""
-    here = frames.index(frame)
-    told = {picture["path"] for picture in report}
-    is_whole = all(str(group[here]) in told for group in files)
-    return tuple(frames[here + 1 if is_whole else here :])
 
 
 def _run_tasks(

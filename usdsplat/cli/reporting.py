@@ -67,6 +67,11 @@ class Reporter:
         """Findings that the command prints itself; they are only added to the JSON."""
         self._json: dict[str, Any] | None = None
 
+    @property
+    def is_of_farm(self) -> bool:
+        """Whether a farm runs the command as a task of an Open Job Description bundle."""
+        return self._style == "openjd"
+
     def remark(self, text: str) -> None:
         """Print a message that is neither a result, nor an error, nor a finding."""
         if not self._quiet:

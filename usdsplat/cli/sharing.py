@@ -42,16 +42,15 @@ class Capacity:
     free: int
     """Memory that is free [byte]; 0 if the system does not say."""
     peak: int
-    """Memory that one process took at most [byte]."""
+    """Memory that one process took at most [byte]; 0 if the system does not say."""
     gpus: int = 0
     """Number of GPUs; 0 if the CPU does the work."""
 
     def processes(self, tasks: int) -> int:
-        """Return how many processes can run so many tasks."""
-        most = min(self.gpus or self.cores, tasks)
-        if self.free:
-            most = min(most, self.free // max(self.peak, 1))
-        return max(1, most)
+        """Return how many processes can run so many tasks; 1 if the memory is not known."""
+        if not self.free or not self.peak:
+            return 1
+        return max(1, min(self.gpus or self.cores, tasks, self.free // self.peak))
 
     def speedup(self, processes: int, busy: float) -> float:
         """Return how much faster so many processes are than one.
@@ -71,9 +70,9 @@ class Capacity:
 def capacity(device: str) -> Capacity:
     """Return the capacity of this machine now, for processes like this one, which uses a device."""
     from usdsplat.core.peak import peak_memory
+    from usdsplat.core.system_memory import free
     from usdsplat.kernels.cuda.support import gpu_count
     from usdsplat.kernels.device import usual_threads
-    from usdsplat.render.memory import free
 
     gpus = gpu_count() if device == "cuda" else 0
     return Capacity(cores=usual_threads(), free=free(), peak=peak_memory(), gpus=gpus)
@@ -210,7 +209,8 @@ class SharedPace(Pace):
 def may_share(job: JobOptions, reporter: Reporter, *limits: object) -> bool:
     """Return whether a command may let other processes go on.
 
-    A worker of a job may not, nor a command whose work, memory or threads are limited.
+    A worker of a job or a task of a farm may not, nor a command whose work, memory or threads are
+    limited.
 
     Args:
         job: Its options.
@@ -219,7 +219,7 @@ def may_share(job: JobOptions, reporter: Reporter, *limits: object) -> bool:
     """
     from usdsplat.jobs.local import MARKED
 
-    is_part = reporter.keeper is not None or MARKED in os.environ
+    is_part = reporter.keeper is not None or reporter.is_of_farm or MARKED in os.environ
     is_limited = any(each is not None for each in limits) or reporter.findings.is_strict
     return not (job.is_asked or is_part or is_limited)
 

@@ -85,6 +85,7 @@ def _page(document: Document, state: ViewState, path: Path) -> str:
         request = PageRequest(
             camera=camera,
             resolution=state.size,
+            purposes=state.purposes,
             title=name,
             background=background if background in NAMES else None,
         )

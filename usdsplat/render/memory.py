@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from usdsplat.core.cloud import SplatCloud
+from usdsplat.core.system_memory import reported
 from usdsplat.images.aovs import find_aovs
 from usdsplat.images.cryptomatte import LAYERS, rank_pairs
 from usdsplat.images.holdout_nodes import STRIP
@@ -258,22 +259,7 @@ def fitting(of: Callable[[int], Estimate], most: int, limit: int) -> tuple[int, 
 
 def resident() -> int:
     """Return the resident bytes of this process; 0 if the system does not report them."""
-    return _said("/proc/self/status", "VmRSS")
-
-
-def free() -> int:
-    """Return the bytes available without swapping; 0 if the system does not report them."""
-    return _said("/proc/meminfo", "MemAvailable")
-
-
-def _said(file: str, name: str) -> int:
-    """Return a size that Linux reports in kibibytes, in bytes; 0 if it is not reported."""
-    try:
-        text = Path(file).read_text()
-    except OSError:
-        return 0
-    line = next((line for line in text.splitlines() if line.startswith(name)), "none: 0")
-    return 1024 * int(line.split()[1])
+    return reported(Path("/proc/self/status"), "VmRSS")
 
 
 def _highest(bands: Iterable[tuple[int, int]]) -> tuple[int, int]:

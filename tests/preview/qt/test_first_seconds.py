@@ -30,7 +30,7 @@ from usdsplat.preview.document import Document
 from usdsplat.preview.opening import _Telling, open_document
 from usdsplat.preview.qt import remembered
 from usdsplat.preview.qt.empty_page import INVITATION
-from usdsplat.preview.qt.leaving import CLOSES, EDITED, RECORDS, losses
+from usdsplat.preview.qt.leaving import CLOSES, EDITED, MARKED, RECORDS, losses
 from usdsplat.preview.qt.prim_model import VISIBLE
 from usdsplat.preview.qt.viewport_painting import PREPARING
 from usdsplat.preview.qt.window import Window
@@ -248,6 +248,21 @@ def test_edits_can_be_saved_before_another_stage_is_opened(
     dialog.accept()
     wait_until(lambda: window.workspace is not workspace)
     assert "invisible" in (tmp_path / "mine.usda").read_text()
+
+
+def test_bookmarks_are_said_to_be_forgotten_only_where_they_are(
+    window: Window, workspace: Workspace, stage_path: Path
+) -> None:
+    """Oracle: the sentences: another device shows the same scene, another stage does not."""
+    _hide(workspace)
+    workspace.context.viewer.add_bookmark("mine")
+    workspace.device_chosen.emit("cpu")
+    asked = EDITED.format(name="two.usda", event="you open two.usda")
+    assert _box(window).text() == asked
+    _click(_box(window), "Stay")
+    window.open(stage_path)
+    assert _box(window).text() == f"{asked}\n\n{MARKED.format(names='mine')}"
+    _click(_box(window), "Stay")
 
 
 def test_edits_that_were_saved_are_not_asked_about(

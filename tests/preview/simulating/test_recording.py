@@ -88,6 +88,25 @@ def test_edits_of_the_session_are_recorded_and_those_that_come_later_are_not(
         assert files(target) == expected
 
 
+def test_a_recording_that_cannot_be_shown_goes_on(tmp_path: Path) -> None:
+    """Oracle: the command's bake of the stage at the start, to the byte; the field is gone from the
+    session's stage before its first frame, and no frame is shown there."""
+    stage = shot(tmp_path, LIVELY, last=LAST)
+    expected = files(baked(stage, "command"))
+    target = place(stage, "preview")
+    stage.SetEditTarget(stage.GetSessionLayer())
+    with running(stage) as (host, runner):
+        with host.lock:
+            runner.record(target)
+            stage.GetPrimAtPath("/World").SetActive(False)
+        status = host.wait(lambda event: event.state == "failed" or str(target) in event.message)
+        assert (status.state, status.frames) == ("ready", None), status.message
+        assert status.recorded == (LAST, LAST)
+        assert "not shown" in " ".join(status.notes)
+        assert files(target) == expected
+        assert not stage.GetSessionLayer().subLayerPaths
+
+
 def test_a_recording_that_was_stopped_is_resumed(tmp_path: Path) -> None:
     """Oracle: all bytes of a bake that nobody disturbed."""
     stage = shot(tmp_path, LIVELY, last=LAST)
@@ -110,6 +129,23 @@ def test_a_recording_that_was_stopped_is_resumed(tmp_path: Path) -> None:
         assert record is not None
         assert record["completedFrames"] == LAST
         assert not can_resume(target)
+
+
+def test_a_resumed_recording_that_is_stopped_counts_the_frames_of_its_bake(tmp_path: Path) -> None:
+    """Oracle: the bake's record; the frames from before are in it, though they come again."""
+    stage = shot(tmp_path, {}, last=LAST)
+    target = place(stage, "preview")
+    with running(stage) as (host, runner):
+        for frame, existing in ((5.0, "error"), (2.0, "resume")):
+            runner.record(target, existing=existing)
+            host.reached(frame)
+            runner.pause()
+            runner.stop()
+            status = host.wait(lambda event: bool(event.bake))
+            record = read_record(Sdf.Layer.OpenAsAnonymous(str(target)))
+            assert record is not None
+            assert status.recorded == (record["completedFrames"], LAST)
+            assert 5 <= record["completedFrames"] < LAST
 
 
 @pytest.mark.parametrize("values", [LIVELY, {}], ids=["checkpoints", "none"])

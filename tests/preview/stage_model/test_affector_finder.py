@@ -12,6 +12,7 @@ from tests.preview.simulating.hosts import shot
 from tests.sim.stage.stages import simulation_of
 from usdsplat.preview.overlays import edges_between
 from usdsplat.preview.stage_model.affector_finder import AffectorFinder
+from usdsplat.schema import is_splat_field
 from usdsplat.sim.stage.authoring import author
 
 DRAWN = ("default", "render")
@@ -44,6 +45,37 @@ def test_a_guide_that_acts_is_outlined_where_it_is(stage: Usd.Stage) -> None:
         points = edges.segments.reshape(-1, 3) @ edges.to_world[:3, :3].T + edges.to_world[:3, 3]
         np.testing.assert_allclose(points.mean(axis=0), (middle, 0, 0), atol=0.1)
         np.testing.assert_allclose(np.linalg.norm(points - (middle, 0, 0), axis=1), 2.0, rtol=1e-5)
+
+
+def test_outlines_follow_edits_of_shapes_and_of_what_acts(stage: Usd.Stage) -> None:
+    """Oracle: the new radius; a target that was added is outlined, one that was removed is not."""
+    finder = AffectorFinder(stage)
+    (before,) = finder.of(1.0, DRAWN)
+    UsdGeom.Sphere(stage.GetPrimAtPath("/World/Ball")).GetRadiusAttr().Set(3.0)
+    (edges,) = finder.of(1.0, DRAWN)
+    np.testing.assert_allclose(edges.segments, before.segments * 1.5, rtol=1e-6)
+    other = UsdGeom.Sphere.Define(stage, "/World/Other")
+    other.CreateRadiusAttr(0.5)
+    other.CreatePurposeAttr("guide")
+    author(other.GetPrim(), {"affector:role": "collide"})
+    assert len(finder.of(1.0, DRAWN)) == 1
+    link = simulation_of(stage).GetRelationship("collection:affectors:includes")
+    link.AddTarget("/World/Other")
+    assert len(finder.of(1.0, DRAWN)) == 2
+    link.RemoveTarget("/World/Ball")
+    (edges,) = finder.of(1.0, DRAWN)
+    np.testing.assert_allclose(np.linalg.norm(edges.segments, axis=2), 0.5, rtol=1e-6)
+
+
+def test_outlines_are_kept_while_splats_and_places_change(stage: Usd.Stage) -> None:
+    """Oracle: the same array."""
+    finder = AffectorFinder(stage)
+    (before,) = finder.of(1.0, DRAWN)
+    field = next(prim for prim in stage.Traverse() if is_splat_field(prim))
+    field.GetAttribute("positions").Set(field.GetAttribute("positions").Get(), 2.0)
+    stage.GetPrimAtPath("/World/Ball").GetAttribute("xformOp:translate").Set((9, 0, 0), 9)
+    (edges,) = finder.of(1.0, DRAWN)
+    assert edges.segments is before.segments
 
 
 def test_what_is_drawn_or_hidden_has_no_outline(stage: Usd.Stage) -> None:

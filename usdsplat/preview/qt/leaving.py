@@ -32,7 +32,13 @@ def losses(workspace: Workspace | None, event: str = CLOSES) -> tuple[str, ...]:
 
 
 def ask_to_leave(
-    window: QWidget, workspace: Workspace, saving: Saving, leave: Callable[[], None], event: str
+    window: QWidget,
+    workspace: Workspace,
+    saving: Saving,
+    leave: Callable[[], None],
+    event: str,
+    *,
+    is_same_scene: bool,
 ) -> QMessageBox:
     """Ask before something is lost. `leave` is called if the user goes on, after saving if asked.
 
@@ -41,10 +47,11 @@ def ask_to_leave(
         workspace, saving: What is left.
         leave: Leaves it.
         event: What happens then, as part of a sentence, such as "the window closes".
+        is_same_scene: Whether the same scene is opened, which keeps the bookmarks.
     """
     words = "\n\n".join(losses(workspace, event))
     marks = workspace.context.viewer.bookmarks
-    if marks:
+    if marks and not is_same_scene:
         words += "\n\n" + MARKED.format(names=", ".join(mark.name for mark in marks))
     box = QMessageBox(QMessageBox.Icon.Warning, "usdsplat", words, parent=window)
     box.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)

@@ -129,18 +129,21 @@ class Window(QMainWindow):
 
     def _open(self, source: Source) -> None:
         opens = f"you open {source.name or 'something else'}"
-        self._unless_kept(partial(self._read, source), opens)
+        self._unless_kept(partial(self._read, source), opens, is_same_scene=source.is_same_scene)
 
-    def _unless_kept(self, leave: Callable[[], None], event: str) -> None:
+    def _unless_kept(
+        self, leave: Callable[[], None], event: str, *, is_same_scene: bool = False
+    ) -> None:
         """Call a function, after asking if edits or a recording would be lost by it.
 
         Args:
             leave: The function.
             event: What it does, as part of a sentence.
+            is_same_scene: Whether bookmarks are kept.
         """
         workspace, saving = self.workspace, self.saving
         if workspace is not None and saving is not None and losses(workspace):
-            ask_to_leave(self, workspace, saving, leave, event)
+            ask_to_leave(self, workspace, saving, leave, event, is_same_scene=is_same_scene)
         else:
             leave()
 

@@ -22,9 +22,9 @@ from pxr import Sdf, Usd, UsdGeom, Vt
 
 from usdsplat import schema
 from usdsplat.core.cloud import SplatCloud
+from usdsplat.core.system_memory import free
 from usdsplat.delegate.live_clouds import LiveClouds
 from usdsplat.products.live import LiveHistory
-from usdsplat.render.memory import free
 from usdsplat.schema import stock, tokens
 from usdsplat.schema.vt import as_float32, to_vt
 from usdsplat.sim.parameters import BakeParameters

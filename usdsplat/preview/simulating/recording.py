@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from pxr import Sdf, Usd
 
@@ -73,6 +74,9 @@ class Recording(ShownJob):
         self._told: float | None = None
         """Last frame whose end was reported."""
         self._last = 0.0
+        self._done: int | None = None
+        """Number of frames in the bake, once it is over."""
+        self._shows = True
         self._after = after
         # Copied here, where the caller has the lock, so that the recorded state is the visible one.
         self._stage = twin(host.stage, without)
@@ -109,6 +113,8 @@ class Recording(ShownJob):
         """Say what was recorded, and show all of it."""
         super()._stopped()
         self.message = self.stopped
+        if self.frame is not None or self._existing == "resume":
+            self._done = _completed(self.target)
         with self._host.lock:
             if self._is_removed:
                 return
@@ -140,6 +146,8 @@ class Recording(ShownJob):
         """Number of frames in the bake, and of those that were asked for."""
         if self.is_whole:
             return len(self._every), len(self._every)
+        if self._done is not None:
+            return self._done, len(self._every)
         done = 0 if self.frame is None else list(self._every).index(self.frame) + 1
         return done, len(self._every)
 
@@ -149,7 +157,22 @@ class Recording(ShownJob):
         return self.is_over and not self.failure and self.count[0] > 0
 
     def _seen(self, simulation: Simulation, time: float, frames: Mapping[str, Frame]) -> None:
-        """Show a frame that was recorded."""
+        """Show a frame that was recorded, on the host's stage, which may have changed meanwhile.
+
+        What cannot be shown there is recorded all the same.
+        """
+        if self._shows:
+            try:
+                self._show_recorded(simulation, time, frames)
+            except Exception as error:  # whatever the edits of the stage lead to
+                self._hide(error)
+        self.frame = time
+        self.splats = sum(len(solver.state) for solver in simulation.solvers.values())
+        self._host.wake()
+
+    def _show_recorded(
+        self, simulation: Simulation, time: float, frames: Mapping[str, Frame]
+    ) -> None:
         if self.layer is None:
             with self._reading:
                 refined = simulation.refinement.layer
@@ -157,8 +180,15 @@ class Recording(ShownJob):
                     self._compose(self._host.stage, refined)
                 self._open_layer(baked_fields(simulation))
         self._show(time, frames, is_last=time == self._every[-1])
-        self.splats = sum(len(solver.state) for solver in simulation.solvers.values())
-        self._host.wake()
+
+    def _hide(self, error: Exception) -> None:
+        """Show no frames any more, after an error."""
+        self._shows, self.frames = False, None
+        self.notes = (*self.notes, f"frames are recorded, but not shown: {error}")
+        with self._reading:
+            layer, self.layer = self.layer, None
+            if layer is not None and not self._is_removed:
+                layer.remove()
 
     @property
     def stopped(self) -> str:
@@ -170,12 +200,22 @@ class Recording(ShownJob):
 def can_resume(target: Path) -> bool:
     """Return whether there is a bake that was stopped, and can be resumed: it has a checkpoint, or
     is whole with fewer frames than were asked for."""
+    record = _record(target)
+    return bool(record.get("checkpoint") or record.get(EARLY))
+
+
+def _completed(target: Path) -> int:
+    """Return the number of frames in a bake; a resumed one also has those from before."""
+    return int(_record(target).get("completedFrames", 0))
+
+
+def _record(target: Path) -> Mapping[str, Any]:
+    """Return the record of a bake; an empty one if there is none."""
     try:
         layer = Sdf.Layer.OpenAsAnonymous(str(target), metadataOnly=True)
     except RuntimeError:  # pxr's error for a file that cannot be read
-        return False
-    record = read_record(layer)
-    return record is not None and bool(record.get("checkpoint") or record.get(EARLY))
+        return {}
+    return read_record(layer) or {}
 
 
 def _range(stage: Usd.Stage) -> list[float]:

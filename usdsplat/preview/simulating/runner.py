@@ -89,6 +89,7 @@ class Runner:
                 splats=recording.splats,
                 seconds=recording.seconds,
                 message=recording.message,
+                notes=recording.notes,
                 recorded=recording.count,
             )
         if recording is not None and recording.has_bake:
@@ -99,6 +100,7 @@ class Runner:
                 end=recording.end,
                 splats=recording.splats,
                 message=recording.message,
+                notes=recording.notes,
                 recorded=recording.count,
                 bake=str(recording.target),
             )

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-from pxr import Usd, UsdGeom
+from pxr import Sdf, Tf, Usd, UsdGeom
 
 from usdsplat.core.cloud import F32, F64
 from usdsplat.core.errors import StageError
 from usdsplat.preview.overlays import MeshEdges, circle, edges_between
 from usdsplat.preview.stage_model.placing import code_of
+from usdsplat.schema import is_splat_field
 from usdsplat.schema.stage_values import local_to_world
 from usdsplat.schema.values import value
 from usdsplat.sim.parameters import NAMESPACE
@@ -34,6 +35,7 @@ class AffectorFinder:
         self._paths: tuple[str, ...] | None = None
         self._still: dict[str, F32] = {}
         """Edges of those that keep their shape."""
+        self._notice = Tf.Notice.Register(Usd.Notice.ObjectsChanged, self._note_change, stage)
 
     def forget(self) -> None:
         """Look for affectors again; the prims of the stage have changed."""
@@ -57,6 +59,11 @@ class AffectorFinder:
             for edges in self._edges(self._stage.GetPrimAtPath(path), code, cache, purposes)
         )
 
+    def _note_change(self, notice: Usd.Notice.ObjectsChanged, stage: Usd.Stage) -> None:
+        changed = (*notice.GetResyncedPaths(), *notice.GetChangedInfoOnlyPaths())
+        if any(_shapes(stage, path) for path in changed):
+            self.forget()
+
     def _edges(
         self, prim: Usd.Prim, code: Usd.TimeCode, cache: UsdGeom.XformCache, purposes: Sequence[str]
     ) -> Iterator[MeshEdges]:
@@ -77,6 +84,16 @@ class AffectorFinder:
         except StageError:  # told where it is simulated
             return
         yield MeshEdges(segments, to_world)
+
+
+def _shapes(stage: Usd.Stage, path: Sdf.Path) -> bool:
+    """Return whether a change at a path may change which affectors there are, or their shapes:
+    places and visibility are read anew, and a simulation writes to its fields all the time."""
+    if not path.IsPropertyPath():
+        return True
+    if path.name == UsdGeom.Tokens.visibility or path.name.startswith("xformOp"):
+        return False
+    return not is_splat_field(stage.GetPrimAtPath(path.GetPrimPath()))
 
 
 def _acting(stage: Usd.Stage) -> Iterator[str]:

@@ -46,7 +46,7 @@ FOV_OF_PARALLEL = math.radians(10)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PageRequest:
-    """The camera of a page, and its title."""
+    """The camera of a page, what is shown, and its title."""
 
     camera: str | None = None
     """Path of a camera, or its name if it is unique; None is the one that `render` uses."""
@@ -55,6 +55,8 @@ class PageRequest:
     stage's first product, or 1920 x 1080."""
     frames: tuple[float, ...] | None = None
     """Time codes of the camera's animation, ascending; None is the range of the stage."""
+    purposes: tuple[str, ...] = ("default", "render")
+    """Purposes of the prims that are shown."""
     title: str = ""
     """Title of the page; "" is the names of the files."""
     background: str | None = None
@@ -109,6 +111,7 @@ def page_camera(
             raise UsageError("--resolution", str(side), f"at most {MOST_PIXELS} pixels on a side")
     with Engine(stage, time=time) as engine:
         path, framing, text = _chosen(engine, request)
+        engine.set_purposes(request.purposes)
         where = background_source(is_requested=request.background is not None)
         auto = "grey" if is_capture else TRANSPARENT
         background = parse_background(text, auto=auto, where=where)

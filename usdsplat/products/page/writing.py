@@ -131,7 +131,10 @@ def write_page(
         title=request.title or _title(source),
         target=path,
         reading=StageReading(
-            prim_path=options.prim_path if is_stage else None, time=time, trees=export.trees
+            prim_path=options.prim_path if is_stage else None,
+            time=time,
+            trees=export.trees,
+            purposes=request.purposes,
         ),
         camera=page_camera(stage, request, time, is_capture=not is_stage),
         edits=tuple(edits) if is_stage else (),
