@@ -23,6 +23,7 @@ from usdsplat.render.lights.memory import lighting_bytes
 from usdsplat.render.lights.specs import Shadow
 from usdsplat.render.lod.memory import estimate
 from usdsplat.render.memory import PictureRequest
+from usdsplat.render.patience import Patience
 from usdsplat.render.renderer import Renderer
 from usdsplat.render.scene import RenderScene
 from usdsplat.render.specs import CropSpec, InstanceSpec
@@ -259,21 +260,58 @@ def _pruned(tree, first):
     return add_splats(scene, "/tree", cloud)
 
 
-def test_the_cuts_of_all_trees_share_a_number_of_splats():
-    """Oracle: 2^18 for one tree, 2^20 for all instances, and no more than the budget."""
+def test_the_cuts_of_all_trees_share_a_number_of_splats(monkeypatch):
+    """Oracle: 2^18 for one tree, and 2^20 for all instances."""
     tree = made(1, n=100, degree=0)
-    for count, budget, expected in (
-        (1, 0, 1 << 18),
-        (8, 0, 1 << 17),
-        (1, 5000, 5000),
-        (4, 200, 50),
-    ):
+    for count, expected in ((1, 1 << 18), (4, 1 << 18), (8, 1 << 17)):
         scene = tree_scene(tree, *(moved(index, 2.0 * index) for index in range(count)))
-        assert trees.cut_size(scene, settings_of(splat_budget=budget)) == expected
-    scene.set_light("/sun", SUN)
-    found = trees.casters_of(scene, settings_of(splat_budget=200), trees.TreeStore())
+        assert trees.cut_size(scene) == expected
+    monkeypatch.setattr(trees, "ALL_SPLATS", 8 * 50)
+    found = trees.casters_of(scene, settings_of(), trees.TreeStore())
     assert len(found.trees["/tree"].splats.spec.cloud) <= 50
-    assert found.layout.splats == 4 * len(found.trees["/tree"].splats.spec.cloud)
+    assert found.layout.splats == 8 * len(found.trees["/tree"].splats.spec.cloud)
+
+
+def test_another_splat_budget_does_not_read_the_cut_again():
+    """Oracle: the cut and its normals are the same objects, and nothing more is read."""
+    tree = ball_tree()
+    scene, store = tree_scene_with_sun(tree), trees.TreeStore()
+    first = trees.casters_of(scene, settings_of(), store)
+    reads = len(tree.reads)
+    second = trees.casters_of(scene, settings_of(splat_budget=10), store)
+    assert second.trees["/tree"] is first.trees["/tree"] and len(tree.reads) == reads
+
+
+def test_a_picture_that_does_not_wait_reads_no_cut(monkeypatch):
+    """Oracle: the number of cuts that are read, before there is any light, after a picture that
+    waits, and after an edit of the tree; the last two pictures say whether they lack their light.
+    The cut that is kept survives."""
+    tree, read = ball_tree(), []
+    scene, renderer = tree_scene_with_sun(tree), Renderer(open_device())
+    cut = trees._read
+    monkeypatch.setattr(trees, "_read", lambda *args: read.append(1) or cut(*args))
+
+    def drawn(light):
+        settings = settings_of(**LEAVES, lighting="shadowed")
+        patience = Patience(light=light)
+        bands = renderer.render(scene, view_from_above(), settings, ("color",), patience=patience)
+        return np.concatenate([band.arrays["color"].copy() for band in bands])
+
+    drawn(False)
+    assert read == []
+    waited = drawn(True)
+    assert read == [1]
+    np.testing.assert_array_equal(drawn(False), waited)
+    assert not renderer.stats.lacks_light
+    node = int(np.flatnonzero(tree.table.child_count == 0)[0])
+    dark = replace(tree.clouds[node], sh=tree.clouds[node].sh - 1)
+    before = renderer._idle[0].lights.trees.lit["/tree"]
+    scene.set_tree("/tree", tree.spec(live={node: (object(), dark)}))
+    drawn(False)
+    assert read == [1] and renderer.stats.lacks_light
+    assert renderer._idle[0].lights.trees.lit["/tree"] is before
+    drawn(True)
+    assert read == [1, 1] and not renderer.stats.lacks_light
 
 
 def test_values_are_looked_up_at_the_nearest_splats():

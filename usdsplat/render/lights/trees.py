@@ -95,27 +95,34 @@ class Casters:
     trees: dict[str, LitTree]
 
 
-def cut_size(scene: RenderScene, settings: RenderSettings) -> int:
-    """Return the most splats that lights see of each tree."""
+def cut_size(scene: RenderScene) -> int:
+    """Return the most splats that lights see of each tree. It does not depend on the splat budget,
+    which changes with each movement of a camera."""
     count = sum(len(tree.instances) for _, tree in scene.drawn_trees())
-    most = ALL_SPLATS // max(1, count)
-    if settings.splat_budget:
-        most = min(most, settings.splat_budget // max(1, count))
-    return max(1, min(TREE_SPLATS, most))
+    return max(1, min(TREE_SPLATS, ALL_SPLATS // max(1, count)))
 
 
-def casters_of(scene: RenderScene, settings: RenderSettings, store: TreeStore) -> Casters:
-    """Return what casts shadows: the splats of fields, and the cuts of trees."""
-    most = cut_size(scene, settings)
+def casters_of(
+    scene: RenderScene, settings: RenderSettings, store: TreeStore, *, reads: bool = True
+) -> Casters:
+    """Return what casts shadows: the splats of fields, and the cuts of trees.
+
+    Args:
+        reads: Whether cuts that are not kept are read; else their trees cast no shadows.
+    """
+    most = cut_size(scene)
     fields = scene.draw_list(settings.splat_budget)
     trees, drawn = {}, list(scene.drawn())
     for path, tree in scene.drawn_trees():
-        found = _lit(path, tree, most, store.lit.get(path))
+        found = _held(tree, most, store.lit.get(path))
+        if found is None and reads:
+            found = _lit(path, tree, most)
         if found is None:
             continue
         trees[path] = found
         drawn += [(path, found.splats, each) for each in tree.instances]
-    store.lit = trees
+    if reads:
+        store.lit = trees
     if not trees:
         return Casters(drawn, fields, trees)
     key = (fields, *(each for row in drawn for each in row[1:]))
@@ -148,22 +155,32 @@ def looked_up(surface: SurfaceValues, positions: F32, queries: F32) -> SurfaceVa
 # --- private ---------------------------------------------------------------------------------
 
 
-def _lit(path: str, tree: Tree, most: int, held: LitTree | None) -> LitTree | None:
-    """Return the cut of a tree, the one that is held if it is the same; None without splats."""
+def _content(spec: TreeSpec, most: int) -> tuple[Any, ...]:
+    """Return what the splats of a cut depend on."""
+    return spec.table, spec.chunks, {node: each[0] for node, each in spec.live.items()}, most
+
+
+def _held(tree: Tree, most: int, held: LitTree | None) -> LitTree | None:
+    """Return a cut that is kept, with the present values of its tree; None if it is another one."""
     spec = tree.spec
-    content = spec.table, spec.chunks, {node: each[0] for node, each in spec.live.items()}, most
-    if held is not None and held.content == content:
-        if held.spec is not spec:
-            held.spec = spec
-            held.splats.replace(_field_spec(spec, held.splats.spec.cloud))
-        held.splats.crops = tree.crops
-        return held
+    if held is None or held.content != _content(spec, most):
+        return None
+    if held.spec is not spec:
+        held.spec = spec
+        held.splats.replace(_field_spec(spec, held.splats.spec.cloud))
+    held.splats.crops = tree.crops
+    return held
+
+
+def _lit(path: str, tree: Tree, most: int) -> LitTree | None:
+    """Read the cut of a tree, and compute its normals; None without splats."""
+    spec = tree.spec
     clouds = _read(spec, most)
     if not clouds:
         return None
     found = _field_spec(spec, merge(clouds))
     own = Field(spec=found, crops=tree.crops, tree=path)
-    return LitTree(content, spec, own, surface_values(found))
+    return LitTree(_content(spec, most), spec, own, surface_values(found))
 
 
 def _field_spec(spec: TreeSpec, cloud: SplatCloud) -> FieldSpec:
