@@ -18,7 +18,7 @@ from tests.render.surface_scenes import add
 from usdsplat.core.errors import StageError
 from usdsplat.core.node_cuts import refined_cut
 from usdsplat.kernels.devices import open_device
-from usdsplat.render.lights import trees
+from usdsplat.render.lights import splat_lighting, trees
 from usdsplat.render.lights.memory import lighting_bytes
 from usdsplat.render.lights.specs import Shadow
 from usdsplat.render.lod.memory import estimate
@@ -187,6 +187,24 @@ def test_light_of_nodes_is_kept_while_the_camera_moves():
     assert 0 < len(after) < len(before)
     assert all(before[key] is each for key, each in after.items())
     np.testing.assert_array_equal(part, drawn(Renderer(open_device()), (45, 0, 60, 60)))
+
+
+def test_all_nodes_share_the_means_of_their_cut(monkeypatch):
+    """Oracle: the number of means that a picture computes: one of the present light, and one of
+    that of the photographs; none in the next picture, which has the same light."""
+    tree, computed = ball_tree(), []
+    mean = splat_lighting.part_of_mean
+    monkeypatch.setattr(
+        splat_lighting, "part_of_mean", lambda *args: computed.append(1) or mean(*args)
+    )
+    scene, renderer = roofed(tree_scene(tree, HERE)), Renderer(open_device())
+    scene.remove("/other")
+    settings = settings_of(**{**LEAVES, "lighting": "relit"})
+    list(renderer.render(scene, view_from_above(), settings, ("color",)))
+    store = renderer._idle[0].lights
+    assert len(store.gains) > 2 and len(computed) == 2
+    list(renderer.render(scene, view_from_above(), settings, ("color",)))
+    assert len(computed) == 2
 
 
 def test_edits_of_a_tree_are_drawn():
