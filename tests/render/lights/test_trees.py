@@ -265,6 +265,27 @@ def test_coarser_nodes_cast_shadows_for_those_that_cannot_be_read(first):
     assert shadows[0].min() < 0.5
 
 
+def test_chunks_of_casters_that_cannot_be_read_are_problems_of_the_tree():
+    """Oracle: the chunks that fail, in a picture that draws the root alone; also after an edit that
+    keeps the cut."""
+    tree = ball_tree()
+    last = int(tree.table.chunk.max())
+
+    def load(chunk, row, count):
+        if chunk == last:
+            raise StageError("chunk", "nothing", "a file")
+        return tree.load(chunk, row, count)
+
+    scene = tree_scene(tree, HERE, load=load)
+    scene.set_light("/sun", SUN)
+    renderer, view = Renderer(open_device()), view_from_above()
+    settings = settings_of(**{**LEAVES, "lod_error": 1000.0, "lighting": "shadowed"})
+    for options in ({}, {"captured_lights": ("/sun",)}):
+        scene.set_tree("/tree", tree.spec(load=load, **options))
+        list(renderer.render(scene, view, settings, ("color",)))
+        assert scene.tree("/tree").problems.keys() == {last}
+
+
 def _pruned(tree, first):
     """A scene of the nodes above nodes that cannot be read, as a field: a child that cannot be read
     hides its sibling, too."""

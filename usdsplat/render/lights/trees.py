@@ -53,6 +53,8 @@ class LitTree:
     spec: TreeSpec
     splats: Field
     surface: SurfaceValues
+    problems: dict[int, UsdSplatError]
+    """Chunk -> why splats of the cut could not be read."""
     nodes: dict[int, tuple[SplatCloud, SurfaceValues]] = field(default_factory=dict)
     """First element of a node's field -> its splats and their normals."""
 
@@ -169,18 +171,20 @@ def _held(tree: Tree, most: int, held: LitTree | None) -> LitTree | None:
         held.spec = spec
         held.splats.replace(_field_spec(spec, held.splats.spec.cloud))
     held.splats.crops = tree.crops
+    tree.problems |= held.problems
     return held
 
 
 def _lit(path: str, tree: Tree, most: int) -> LitTree | None:
     """Read the cut of a tree, and compute its normals; None without splats."""
     spec = tree.spec
-    clouds = _read(spec, most)
+    clouds, problems = _read(spec, most)
+    tree.problems |= problems
     if not clouds:
         return None
     found = _field_spec(spec, merge(clouds))
     own = Field(spec=found, crops=tree.crops, tree=path)
-    return LitTree(_content(spec, most), spec, own, surface_values(found))
+    return LitTree(_content(spec, most), spec, own, surface_values(found), problems)
 
 
 def _field_spec(spec: TreeSpec, cloud: SplatCloud) -> FieldSpec:
@@ -192,24 +196,29 @@ def _field_spec(spec: TreeSpec, cloud: SplatCloud) -> FieldSpec:
     )
 
 
-def _read(spec: TreeSpec, most: int) -> list[SplatCloud]:
-    """Return the splats of the finest cut of so many. Coarser nodes stand for those that cannot be
-    read, as in a picture, which reports them."""
+def _read(spec: TreeSpec, most: int) -> tuple[list[SplatCloud], dict[int, UsdSplatError]]:
+    """Return the splats of the finest cut of so many, and why chunks could not be read. Coarser
+    nodes stand for those, as in a picture, which may not draw them itself."""
     table, refined = spec.table, np.zeros(len(spec.table), np.bool_)
     refined[budget_cut(table, most).above] = True
-    clouds: dict[_Rows, SplatCloud | None] = {}
+    clouds: dict[_Rows, SplatCloud | UsdSplatError] = {}
     while True:
         cut = refined_cut(table, refined)
         parts = [part for part in _parts(table, cut) if part[2]]
         missing = [part for part in parts if part not in clouds]
         with ThreadPoolExecutor(THREADS, thread_name_prefix="cut") as pool:
             clouds.update(zip(missing, pool.map(partial(_cloud, spec), missing), strict=True))
-        failed = [part[0] for part in missing if clouds[part] is None]
+        failed = [part[0] for part in missing if isinstance(clouds[part], UsdSplatError)]
         above = {next(stand_ins(table, node), -1) for node in failed} - {-1}
         if not any(refined[node] for node in above):
             break
         refined[list(above)] = False
-    return [cloud for part in parts if (cloud := clouds[part]) is not None]
+    problems = {
+        int(table.chunk[node]): error
+        for (node, _, _), error in clouds.items()
+        if isinstance(error, UsdSplatError)
+    }
+    return [each for part in parts if isinstance(each := clouds[part], SplatCloud)], problems
 
 
 def _parts(table: NodeTable, cut: NodeCut) -> list[_Rows]:
@@ -221,12 +230,12 @@ def _parts(table: NodeTable, cut: NodeCut) -> list[_Rows]:
     ]
 
 
-def _cloud(spec: TreeSpec, rows: _Rows) -> SplatCloud | None:
-    """Return rows of a node; None if they cannot be read."""
+def _cloud(spec: TreeSpec, rows: _Rows) -> SplatCloud | UsdSplatError:
+    """Return rows of a node, or why they cannot be read."""
     try:
         return spec.read(*rows)
-    except UsdSplatError:
-        return None
+    except UsdSplatError as error:
+        return error
 
 
 def _same(before: tuple[Any, ...], now: tuple[Any, ...]) -> bool:
