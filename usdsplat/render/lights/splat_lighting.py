@@ -278,10 +278,10 @@ class SplatLighting:
     def _estimated(self, target: Target) -> tuple[Any, Any]:
         """Return the estimated light of photographs in the form of sums."""
         whole, kept = target.capture, self.store
-        colors = whole.group.field.radiance, whole.version
+        spec = whole.group.field.spec
+        colors = whole.group.field.radiance, spec.color_space, whole.version
         found = kept.captured.get(whole.key)
         if found is None or found[0] != colors:
-            spec = whole.group.field.spec
             found = colors, estimate(spec.cloud, spec.color_space, whole.surface)
             kept.captured[whole.key] = found
         version = colors, target.version
