@@ -394,3 +394,24 @@ def test_the_memory_of_lit_trees_is_estimated_without_reading_them():
     arrays += sum(each.normals.nbytes + each.facts.nbytes for _, each in lit.nodes.values())
     assert sizes["relit"].splats - sizes["captured"].splats >= arrays
     assert lighting_bytes(RenderScene(), view, settings, {"color"}) == (0, 0)
+
+
+def test_the_memory_of_aovs_of_light_with_trees_is_estimated():
+    """Oracle: the buffers of a band that hold AOVs of light, and those alone."""
+    scene, view = roofed(tree_scene(ball_tree(), HERE)), view_from_above()
+    inner = {"lod_error": 8.0, "samples": 2}
+    settings = settings_of(**{**LEAVES, **inner, "lighting": "relit", "color_mode": "scene"})
+    aovs = ("color", "light_default", "light_captured", "shadow", "irradiance")
+    with_light, without = (
+        estimate(
+            scene, view, settings, PictureRequest(aovs=names), band_pixels=1 << 20, threads=1
+        ).band
+        for names in (aovs, aovs[:1])
+    )
+    renderer = Renderer(open_device())
+    list(renderer.render(scene, view, settings, aovs))
+    sizes = renderer._idle[0].allocated()
+    names = ("lights", "shadow", "irradiance")
+    held = {f"{group}.{name}" for group in ("pixels", "sums", "layers") for name in names}
+    assert {"layers.lights", "sums.lights"} <= sizes.keys()
+    assert with_light - without >= sum(sizes[name] for name in held & sizes.keys())
