@@ -18,6 +18,7 @@ from tests.render.surface_scenes import add
 from usdsplat.core.errors import StageError
 from usdsplat.core.node_cuts import refined_cut
 from usdsplat.kernels.devices import open_device
+from usdsplat.render import memory
 from usdsplat.render.lights import splat_lighting, trees
 from usdsplat.render.lights.memory import lighting_bytes
 from usdsplat.render.lights.specs import Shadow
@@ -397,21 +398,23 @@ def test_the_memory_of_lit_trees_is_estimated_without_reading_them():
 
 
 def test_the_memory_of_aovs_of_light_with_trees_is_estimated():
-    """Oracle: the buffers of a band that hold AOVs of light, and those alone."""
+    """Oracle: the buffers of sums and their repetitions, which this picture has for its tree."""
     scene, view = roofed(tree_scene(ball_tree(), HERE)), view_from_above()
-    inner = {"lod_error": 8.0, "samples": 2}
-    settings = settings_of(**{**LEAVES, **inner, "lighting": "relit", "color_mode": "scene"})
-    aovs = ("color", "light_default", "light_captured", "shadow", "irradiance")
-    with_light, without = (
-        estimate(
-            scene, view, settings, PictureRequest(aovs=names), band_pixels=1 << 20, threads=1
-        ).band
-        for names in (aovs, aovs[:1])
+    settings = settings_of(
+        lod_error=8.0, light_samples=2, dome_samples=4, lighting="relit", color_mode="scene"
     )
+    aovs = ("color", "light_default", "light_captured", "shadow", "irradiance")
+
+    def of_trees(names):
+        request = PictureRequest(aovs=names)
+        whole, others = (
+            each(scene, view, settings, request, band_pixels=1 << 20, threads=1).band
+            for each in (estimate, memory.estimate)
+        )
+        return whole - others
+
     renderer = Renderer(open_device())
     list(renderer.render(scene, view, settings, aovs))
     sizes = renderer._idle[0].allocated()
-    names = ("lights", "shadow", "irradiance")
-    held = {f"{group}.{name}" for group in ("pixels", "sums", "layers") for name in names}
-    assert {"layers.lights", "sums.lights"} <= sizes.keys()
-    assert with_light - without >= sum(sizes[name] for name in held & sizes.keys())
+    held = ("sums.lights", "sums.shadow", "sums.irradiance", "layers.lights")
+    assert of_trees(aovs) - of_trees(aovs[:1]) >= sum(sizes[name] for name in held)
