@@ -19,8 +19,10 @@ from usdsplat.core.errors import StageError
 from usdsplat.core.node_cuts import refined_cut
 from usdsplat.kernels.devices import open_device
 from usdsplat.render import memory
+from usdsplat.render.frame_buffers import FrameBuffers
 from usdsplat.render.lights import splat_lighting, trees
 from usdsplat.render.lights.memory import lighting_bytes
+from usdsplat.render.lights.relighting import field_gains
 from usdsplat.render.lights.specs import Shadow
 from usdsplat.render.lod.memory import estimate
 from usdsplat.render.memory import PictureRequest
@@ -418,3 +420,19 @@ def test_the_memory_of_aovs_of_light_with_trees_is_estimated():
     sizes = renderer._idle[0].allocated()
     held = ("sums.lights", "sums.shadow", "sums.irradiance", "layers.lights")
     assert of_trees(aovs) - of_trees(aovs[:1]) >= sum(sizes[name] for name in held)
+
+
+def test_colours_of_several_times_share_the_cuts_of_trees(monkeypatch):
+    """Oracle: the number of cuts that are read for two lights, and the gains of new buffers."""
+    tree, read, device = ball_tree(), [], open_device()
+    cut = trees._read
+    monkeypatch.setattr(trees, "_read", lambda *args: read.append(1) or cut(*args))
+    scene, settings = roofed(tree_scene(tree, HERE)), settings_of(lighting="relit", dome_samples=4)
+    buffers = FrameBuffers(device.resident)
+    first = field_gains(device, scene, settings, buffers)["/other"]
+    scene.set_light("/sun", replace(SUN, direction=(0.5, 0.0, -0.8)))
+    second = field_gains(device, scene, settings, buffers)["/other"]
+    assert read == [1]
+    fresh = field_gains(device, scene, settings, FrameBuffers(device.resident))["/other"]
+    np.testing.assert_array_equal(second, fresh)
+    assert not np.array_equal(first, second)
