@@ -259,7 +259,7 @@ def aov_named(name: str) -> Aov:
         channels=tuple(f"{name}.{channel}" for channel in "RGB"),
         kind="color",
         meaning=f"part of the premultiplied colour by {what}, in the space of colorInteropID; all "
-        "parts add up to color",
+        "parts add up to color in display mode splats",
     )
 
 

@@ -23,6 +23,7 @@ from usdsplat.kernels.device import Device
 from usdsplat.products.captured_hdri import of_picture, photographed_in
 from usdsplat.products.lit_times import LitField, LitFolder, LitTime, stamp_of
 from usdsplat.products.remarks import estimated_light
+from usdsplat.render.frame_buffers import FrameBuffers
 from usdsplat.render.lights.captured import estimate
 from usdsplat.render.lights.relighting import field_gains, fit_colors
 from usdsplat.render.settings import RenderSettings
@@ -269,11 +270,13 @@ class _Lighter:
         self._request, self._open_device, self._still = request, device, still
         self._stack = ExitStack()
         self._opened: tuple[Engine, Device] | None = None
+        self._buffers: FrameBuffers | None = None
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *error: Any) -> None:
+        self._buffers = None
         self._stack.__exit__(*error)
 
     def light(self, number: int, say: Callable[[int, Sequence[Finding]], None]) -> LitTime:
@@ -290,7 +293,9 @@ class _Lighter:
         findings = tuple(map(of_picture, engine.findings))
         say(number, findings)
         scene = engine.render_scene
-        gains = field_gains(device, scene, self._settings.resolved(()))
+        if self._buffers is None:
+            self._buffers = FrameBuffers(device.resident)
+        gains = field_gains(device, scene, self._settings.resolved(()), self._buffers)
         fields = {path: field for path, field, _ in scene.drawn()}
         lit = {}
         for path in (path for path, _ in samples if path in gains):

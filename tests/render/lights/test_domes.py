@@ -19,6 +19,7 @@ from usdsplat.render.lights.depth_map import draw_depth_map
 from usdsplat.render.lights.dome import peak_lights, plain_sky, smooth_light, split
 from usdsplat.render.lights.sampling import samples_of
 from usdsplat.render.lights.specs import LightSpec
+from usdsplat.render.patience import Patience
 from usdsplat.render.renderer import Renderer
 from usdsplat.render.scene import RenderScene
 from usdsplat.render.specs import SurfaceSpec
@@ -343,3 +344,36 @@ def test_pixels_that_are_no_light_are_counted_and_black():
     clean[3:5, 7] = 0.0
     broken[3, 7], broken[4, 7] = np.nan, (-1.0, np.inf, -np.inf)
     assert split(broken) == (split(clean)[0], 2)
+
+
+def test_pictures_that_do_not_wait_keep_the_maps_of_those_that_do():
+    """Oracle: two pictures of a movement, which draws fewer splats, are equal bit for bit, and the
+    maps are the same objects as before. The peak of the dome has no map without shadows."""
+    pixels = np.full((32, 64, 3), 0.2, np.float32)
+    pixels[4, 20] = 400.0
+    sky = dome(split(pixels)[0])
+    assert len(peak_lights(sky)) == 1
+    scene = RenderScene()
+    add_splats(scene, "/above", cloud_of([[0, 0, 1.0], [0.4, 0, 1.0]], (0.3, 0.3, 0.05), 0.9))
+    add(scene, "/ground", quad(0.0, (-3, -3), (3, 3), materials=WHITE))
+    scene.set_light("/key", LightSpec(direction=(0.3, 0.0, -1.0), irradiance=(1.0, 1.0, 1.0)))
+    scene.set_light("/sky", sky)
+    renderer = Renderer(open_device())
+    options = {"lighting": "shadowed", "light_samples": 2, "dome_samples": 4}
+
+    def drawn(light, **more):
+        bands = renderer.render(
+            scene, view_from_above(), settings_of(**options, **more), ("color",),
+            patience=Patience(light=light),
+        )  # fmt: skip
+        return np.concatenate([band.arrays["color"].copy() for band in bands])
+
+    drawn(True)
+    maps = renderer._idle[0].lights.maps
+    before = dict(maps)
+    assert before
+    first = drawn(False, splat_budget=1)
+    second = drawn(False, splat_budget=1)
+    np.testing.assert_array_equal(first, second)
+    assert maps.keys() == before.keys()
+    assert all(maps[key][1] is each for key, (_, each) in before.items())

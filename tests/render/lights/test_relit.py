@@ -16,6 +16,7 @@ from tests.render.surface_scenes import add
 from usdsplat.core.sh import C0, basis
 from usdsplat.images.color import decode, encode, encode_light
 from usdsplat.kernels.devices import open_device
+from usdsplat.render.frame_buffers import FrameBuffers
 from usdsplat.render.lights.captured import GREY, estimate
 from usdsplat.render.lights.dome import split
 from usdsplat.render.lights.memory import lighting_bytes
@@ -48,6 +49,13 @@ def colors_of(scene, **settings):
     settings = {"lighting": "relit", "dome_samples": 8, "light_samples": 2, **settings}
     found = picture(scene, view_from_above(height=4.0), aovs=("color",), **settings)["color"]
     return found
+
+
+def gains_of(scene):
+    """Gains of the fields of a relit scene."""
+    device = open_device()
+    buffers = FrameBuffers(device.resident)
+    return field_gains(device, scene, settings_of(lighting="relit"), buffers)
 
 
 @pytest.mark.parametrize("self_shadows", [False, True])
@@ -85,7 +93,7 @@ def test_the_ratio_follows_the_normal_of_each_splat():
     scene = ball_scene(captured_lights=("/photographed",))
     scene.set_light("/photographed", replace(dome(), is_on=False))
     scene.set_light("/sun", SUN)
-    gains = field_gains(open_device(), scene, settings_of(lighting="relit"))["/ball"]
+    gains = gains_of(scene)["/ball"]
     facing = np.maximum(0, spread_normals(400)[:, 2])
     expected = (facing + 0.2 * facing.mean()) / 1.2
     np.testing.assert_allclose(gains, np.tile(expected[:, None], (1, 3)), atol=5e-4)
@@ -96,7 +104,7 @@ def test_meshes_shadow_relit_splats():
     scene = ball_scene(captured_lights=("/sun",))
     scene.set_light("/sun", SUN)
     add(scene, "/roof", quad(2.0, (-3, -3), (3, 3), materials=WHITE))
-    gains = field_gains(open_device(), scene, settings_of(lighting="relit"))["/ball"]
+    gains = gains_of(scene)["/ball"]
     facing = np.maximum(0, spread_normals(400)[:, 2])
     ambient = 0.2 * facing.mean()
     np.testing.assert_allclose(gains[:, 0], ambient / (facing + ambient), atol=1e-5)

@@ -18,11 +18,15 @@ from tests.render.surface_scenes import add
 from usdsplat.core.errors import StageError
 from usdsplat.core.node_cuts import refined_cut
 from usdsplat.kernels.devices import open_device
-from usdsplat.render.lights import trees
+from usdsplat.render import memory
+from usdsplat.render.frame_buffers import FrameBuffers
+from usdsplat.render.lights import splat_lighting, trees
 from usdsplat.render.lights.memory import lighting_bytes
+from usdsplat.render.lights.relighting import field_gains
 from usdsplat.render.lights.specs import Shadow
 from usdsplat.render.lod.memory import estimate
 from usdsplat.render.memory import PictureRequest
+from usdsplat.render.patience import Patience
 from usdsplat.render.renderer import Renderer
 from usdsplat.render.scene import RenderScene
 from usdsplat.render.specs import CropSpec, InstanceSpec
@@ -188,6 +192,24 @@ def test_light_of_nodes_is_kept_while_the_camera_moves():
     np.testing.assert_array_equal(part, drawn(Renderer(open_device()), (45, 0, 60, 60)))
 
 
+def test_all_nodes_share_the_means_of_their_cut(monkeypatch):
+    """Oracle: the number of means that a picture computes: one of the present light, and one of
+    that of the photographs; none in the next picture, which has the same light."""
+    tree, computed = ball_tree(), []
+    mean = splat_lighting.part_of_mean
+    monkeypatch.setattr(
+        splat_lighting, "part_of_mean", lambda *args: computed.append(1) or mean(*args)
+    )
+    scene, renderer = roofed(tree_scene(tree, HERE)), Renderer(open_device())
+    scene.remove("/other")
+    settings = settings_of(**{**LEAVES, "lighting": "relit"})
+    list(renderer.render(scene, view_from_above(), settings, ("color",)))
+    store = renderer._idle[0].lights
+    assert len(store.gains) > 2 and len(computed) == 2
+    list(renderer.render(scene, view_from_above(), settings, ("color",)))
+    assert len(computed) == 2
+
+
 def test_edits_of_a_tree_are_drawn():
     """Oracle: a new renderer's picture after each edit, bit for bit."""
     tree = ball_tree()
@@ -246,6 +268,27 @@ def test_coarser_nodes_cast_shadows_for_those_that_cannot_be_read(first):
     assert shadows[0].min() < 0.5
 
 
+def test_chunks_of_casters_that_cannot_be_read_are_problems_of_the_tree():
+    """Oracle: the chunks that fail, in a picture that draws the root alone; also after an edit that
+    keeps the cut."""
+    tree = ball_tree()
+    last = int(tree.table.chunk.max())
+
+    def load(chunk, row, count):
+        if chunk == last:
+            raise StageError("chunk", "nothing", "a file")
+        return tree.load(chunk, row, count)
+
+    scene = tree_scene(tree, HERE, load=load)
+    scene.set_light("/sun", SUN)
+    renderer, view = Renderer(open_device()), view_from_above()
+    settings = settings_of(**{**LEAVES, "lod_error": 1000.0, "lighting": "shadowed"})
+    for options in ({}, {"captured_lights": ("/sun",)}):
+        scene.set_tree("/tree", tree.spec(load=load, **options))
+        list(renderer.render(scene, view, settings, ("color",)))
+        assert scene.tree("/tree").problems.keys() == {last}
+
+
 def _pruned(tree, first):
     """A scene of the nodes above nodes that cannot be read, as a field: a child that cannot be read
     hides its sibling, too."""
@@ -259,21 +302,58 @@ def _pruned(tree, first):
     return add_splats(scene, "/tree", cloud)
 
 
-def test_the_cuts_of_all_trees_share_a_number_of_splats():
-    """Oracle: 2^18 for one tree, 2^20 for all instances, and no more than the budget."""
+def test_the_cuts_of_all_trees_share_a_number_of_splats(monkeypatch):
+    """Oracle: 2^18 for one tree, and 2^20 for all instances."""
     tree = made(1, n=100, degree=0)
-    for count, budget, expected in (
-        (1, 0, 1 << 18),
-        (8, 0, 1 << 17),
-        (1, 5000, 5000),
-        (4, 200, 50),
-    ):
+    for count, expected in ((1, 1 << 18), (4, 1 << 18), (8, 1 << 17)):
         scene = tree_scene(tree, *(moved(index, 2.0 * index) for index in range(count)))
-        assert trees.cut_size(scene, settings_of(splat_budget=budget)) == expected
-    scene.set_light("/sun", SUN)
-    found = trees.casters_of(scene, settings_of(splat_budget=200), trees.TreeStore())
+        assert trees.cut_size(scene) == expected
+    monkeypatch.setattr(trees, "ALL_SPLATS", 8 * 50)
+    found = trees.casters_of(scene, settings_of(), trees.TreeStore())
     assert len(found.trees["/tree"].splats.spec.cloud) <= 50
-    assert found.layout.splats == 4 * len(found.trees["/tree"].splats.spec.cloud)
+    assert found.layout.splats == 8 * len(found.trees["/tree"].splats.spec.cloud)
+
+
+def test_another_splat_budget_does_not_read_the_cut_again():
+    """Oracle: the cut and its normals are the same objects, and nothing more is read."""
+    tree = ball_tree()
+    scene, store = tree_scene_with_sun(tree), trees.TreeStore()
+    first = trees.casters_of(scene, settings_of(), store)
+    reads = len(tree.reads)
+    second = trees.casters_of(scene, settings_of(splat_budget=10), store)
+    assert second.trees["/tree"] is first.trees["/tree"] and len(tree.reads) == reads
+
+
+def test_a_picture_that_does_not_wait_reads_no_cut(monkeypatch):
+    """Oracle: the number of cuts that are read, before there is any light, after a picture that
+    waits, and after an edit of the tree; the last two pictures say whether they lack their light.
+    The cut that is kept survives."""
+    tree, read = ball_tree(), []
+    scene, renderer = tree_scene_with_sun(tree), Renderer(open_device())
+    cut = trees._read
+    monkeypatch.setattr(trees, "_read", lambda *args: read.append(1) or cut(*args))
+
+    def drawn(light):
+        settings = settings_of(**LEAVES, lighting="shadowed")
+        patience = Patience(light=light)
+        bands = renderer.render(scene, view_from_above(), settings, ("color",), patience=patience)
+        return np.concatenate([band.arrays["color"].copy() for band in bands])
+
+    drawn(False)
+    assert read == []
+    waited = drawn(True)
+    assert read == [1]
+    np.testing.assert_array_equal(drawn(False), waited)
+    assert not renderer.stats.lacks_light
+    node = int(np.flatnonzero(tree.table.child_count == 0)[0])
+    dark = replace(tree.clouds[node], sh=tree.clouds[node].sh - 1)
+    before = renderer._idle[0].lights.trees.lit["/tree"]
+    scene.set_tree("/tree", tree.spec(live={node: (object(), dark)}))
+    drawn(False)
+    assert read == [1] and renderer.stats.lacks_light
+    assert renderer._idle[0].lights.trees.lit["/tree"] is before
+    drawn(True)
+    assert read == [1, 1] and not renderer.stats.lacks_light
 
 
 def test_values_are_looked_up_at_the_nearest_splats():
@@ -317,3 +397,42 @@ def test_the_memory_of_lit_trees_is_estimated_without_reading_them():
     arrays += sum(each.normals.nbytes + each.facts.nbytes for _, each in lit.nodes.values())
     assert sizes["relit"].splats - sizes["captured"].splats >= arrays
     assert lighting_bytes(RenderScene(), view, settings, {"color"}) == (0, 0)
+
+
+def test_the_memory_of_aovs_of_light_with_trees_is_estimated():
+    """Oracle: the buffers of sums and their repetitions, which this picture has for its tree."""
+    scene, view = roofed(tree_scene(ball_tree(), HERE)), view_from_above()
+    settings = settings_of(
+        lod_error=8.0, light_samples=2, dome_samples=4, lighting="relit", color_mode="scene"
+    )
+    aovs = ("color", "light_default", "light_captured", "shadow", "irradiance")
+
+    def of_trees(names):
+        request = PictureRequest(aovs=names)
+        whole, others = (
+            each(scene, view, settings, request, band_pixels=1 << 20, threads=1).band
+            for each in (estimate, memory.estimate)
+        )
+        return whole - others
+
+    renderer = Renderer(open_device())
+    list(renderer.render(scene, view, settings, aovs))
+    sizes = renderer._idle[0].allocated()
+    held = ("sums.lights", "sums.shadow", "sums.irradiance", "layers.lights")
+    assert of_trees(aovs) - of_trees(aovs[:1]) >= sum(sizes[name] for name in held)
+
+
+def test_colours_of_several_times_share_the_cuts_of_trees(monkeypatch):
+    """Oracle: the number of cuts that are read for two lights, and the gains of new buffers."""
+    tree, read, device = ball_tree(), [], open_device()
+    cut = trees._read
+    monkeypatch.setattr(trees, "_read", lambda *args: read.append(1) or cut(*args))
+    scene, settings = roofed(tree_scene(tree, HERE)), settings_of(lighting="relit", dome_samples=4)
+    buffers = FrameBuffers(device.resident)
+    first = field_gains(device, scene, settings, buffers)["/other"]
+    scene.set_light("/sun", replace(SUN, direction=(0.5, 0.0, -0.8)))
+    second = field_gains(device, scene, settings, buffers)["/other"]
+    assert read == [1]
+    fresh = field_gains(device, scene, settings, FrameBuffers(device.resident))["/other"]
+    np.testing.assert_array_equal(second, fresh)
+    assert not np.array_equal(first, second)

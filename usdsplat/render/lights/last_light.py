@@ -34,13 +34,15 @@ def light_version(
         wanted: The AOVs of light.
     """
     how = settings.lighting, settings.self_shadows, settings.ambient
-    look = *how, view.light_rules, wanted.everything
+    look = *how, view.light_rules, wanted.shadow
     groups = tuple(
         (
             group.field.shapes,
             group.field.radiance,
             group.field.spec.lighting,
             group.field.spec.captured_lights,
+            group.field.spec.color_space,
+            group.field.spec.surface,
             group.placements.transforms.tobytes(),
         )
         for group in layout.groups

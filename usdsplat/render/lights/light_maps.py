@@ -72,7 +72,7 @@ class LightMaps:
     buffers: MapBuffers
     """Buffers of maps that are not kept."""
     draws: bool = True
-    """Whether maps that are not kept may be drawn, and those of another splat budget are not good
+    """Whether maps that are drawn are kept, and those of another splat budget are not good
     enough."""
 
     def shine(
@@ -167,7 +167,8 @@ class LightMaps:
         self, camera: LightCamera, light: LightSpec, resolution: int, samples: int
     ) -> DepthMap:
         """Return the depth map of a camera, drawn if it is not kept. Maps of a light are not kept
-        if not all of them can be: the first ones would be gone when they are needed again."""
+        if not all of them can be: the first ones would be gone when they are needed again. Nor
+        are those of a picture that does not wait, which keeps the maps of others."""
         maps, key = self.kept, _key(camera, light, resolution)
         held = self._kept(camera, light, resolution)
         if held is not None:
@@ -177,9 +178,10 @@ class LightMaps:
         def casts(path: str) -> bool:
             return self._casts(path, light)
 
-        for other in [name for name, (before, _) in maps.items() if before != self.version]:
-            del maps[other]
-        keeps = samples * self.buffers.last <= KEPT_BYTES
+        if self.draws:
+            for other in [name for name, (before, _) in maps.items() if before != self.version]:
+                del maps[other]
+        keeps = self.draws and samples * self.buffers.last <= KEPT_BYTES
         buffers = MapBuffers(self.rasterizer.device.resident) if keeps else self.buffers
         made = draw_depth_map(
             self.rasterizer, camera, self.scene, self.casters, casts, self.meshes, buffers

@@ -32,6 +32,8 @@ class LightStore:
     """Receivers -> what the sums of this light depend on, and the sums."""
     gains: dict[tuple[Key, str], tuple[Any, GroupGains]] = field(default_factory=dict)
     """Receivers and mode -> what their gains depend on, and the gains."""
+    means: dict[tuple[Key, str], tuple[Any, F32]] = field(default_factory=dict)
+    """Receivers, and present or captured light -> what its mean depends on, and a part of it."""
     shares: dict[Key, tuple[Any, dict[str, Any]]] = field(default_factory=dict)
     """Receivers -> what their shares depend on, and those of each part of their light."""
     arrivals: dict[Key, tuple[Any, Any]] = field(default_factory=dict)
@@ -48,5 +50,6 @@ class LightStore:
         self.captured = {k: each for k, each in self.captured.items() if k in keys}
         self.estimates = {k: each for k, each in self.estimates.items() if k in keys}
         self.gains = {k: each for k, each in self.gains.items() if k[0] in keys}
+        self.means = {k: each for k, each in self.means.items() if k[0] in keys}
         self.shares = {k: each for k, each in self.shares.items() if k in keys}
         self.arrivals = {k: each for k, each in self.arrivals.items() if k in keys}

@@ -76,7 +76,7 @@ class Lighting:
         """Whether something is shown without the light of this scene."""
         self._cast = Casters(scene.drawn(), scene.draw_list(settings.splat_budget), {})
         if wanted.everything or has_shadows(scene, view, settings):
-            self._cast = casters_of(scene, settings, self._store.trees)
+            self._cast = casters_of(scene, settings, self._store.trees, reads=self._waits)
         self._casters = self._cast.layout
         self._version = (
             tuple((path, f.shapes, f.crops, each) for path, f, each in self._cast.drawn),

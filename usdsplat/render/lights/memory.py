@@ -89,7 +89,7 @@ def lighting_bytes(
     own += ESTIMATE * guessed
     casters = scene.draw_list(settings.splat_budget).slots
     if wants or has_shadows(scene, view, settings):
-        more, kept = _of_cuts(scene, settings)
+        more, kept = _of_cuts(scene)
         casters, own = casters + more, own + kept
     pixels = settings.shadow_resolution**2 if scene.drawn_meshes() else 0
     one = CASTER * casters + DEPTH * pixels
@@ -116,12 +116,12 @@ def node_bytes(
     return splats * (RECEIVER + NORMAL + sums)
 
 
-def _of_cuts(scene: RenderScene, settings: RenderSettings) -> tuple[int, int]:
+def _of_cuts(scene: RenderScene) -> tuple[int, int]:
     """Return the number of splats of the cuts of trees, each instance counted, and the bytes of the
     cuts."""
     casters, kept, sizes = 0, 0, []
     for _, tree in scene.drawn_trees():
-        size, count = min(cut_size(scene, settings), tree.spec.captured), len(tree.instances)
+        size, count = min(cut_size(scene), tree.spec.captured), len(tree.instances)
         casters += size * count
         kept += size * (tree.spec.splat_bytes + _sums(scene) * count)
         sizes.append(size)

@@ -38,7 +38,9 @@ class FittedColors:
     """Largest difference."""
 
 
-def field_gains(device: Device, scene: RenderScene, settings: RenderSettings) -> dict[str, F32]:
+def field_gains(
+    device: Device, scene: RenderScene, settings: RenderSettings, buffers: FrameBuffers
+) -> dict[str, F32]:
     """Return the gains of the fields that are drawn once, by path, shape (n, 3) each.
 
     Fields whose splats keep their light, trees, and fields with several instances, whose splats
@@ -46,12 +48,11 @@ def field_gains(device: Device, scene: RenderScene, settings: RenderSettings) ->
 
     Args:
         settings: Resolved settings; those of light count.
+        buffers: Keep what the next call for this scene needs again, as the cuts of trees.
     """
     layout = scene.draw_list()
     view = with_catchers(scene, View(camera=CameraSpec(), framing=Framing()))
-    light = Lighting(
-        open_rasterizer(device), FrameBuffers(device.resident), settings, scene, view, layout
-    )  # fmt: skip
+    light = Lighting(open_rasterizer(device), buffers, settings, scene, view, layout)
     paths = {id(field): path for path, field, _ in scene.drawn()}
     found = {}
     for group in layout.groups:

@@ -191,12 +191,12 @@ class SplatLighting:
         if held is not None and held[0] == version:
             return held[1]
         rows, sums = self._rows(target), summed(device, [each[1] for each in parts])
-        ambient = self._ambient(target, sums)
+        ambient = self._ambient(target)
         if before:
-            captured = whole = summed(device, [each[1] for each in before])
+            captured = summed(device, [each[1] for each in before])
             if target.whole:
-                whole = summed(device, [each[1] for each in self._captured(target.whole)])
-            dim = part_of_mean(device, whole, share)
+                before = self._captured(target.whole)
+            dim = self._part(target.capture, "captured", before)
             factors = relit_gains(device, sums, captured, ambient, dim, rows)
         else:
             factors = shadow_gains(device, sums, ambient, rows)
@@ -204,11 +204,25 @@ class SplatLighting:
         self.store.gains[target.key, mode] = version, gains
         return gains
 
-    def _ambient(self, target: Target, sums: Any) -> F32:
-        """Return the light that no light explains, given that of all lights on a group."""
-        if target.whole:
-            sums = summed(self.device, [each[1] for each in self._shone(target.whole)])
-        return part_of_mean(self.device, sums, self.settings.ambient)
+    def _ambient(self, target: Target) -> F32:
+        """Return the light that no light explains on a group."""
+        return self._part(target.capture, "present", self._shone(target.capture))
+
+    def _part(self, target: Target, when: str, shone: Sequence[tuple[Any, Any]]) -> F32:
+        """Return a part of the mean light on a capture. All nodes of a tree share it.
+
+        Args:
+            when: "present" or "captured".
+            shone: See `_shone`.
+        """
+        share = self.settings.ambient
+        version = share, *(each[0] for each in shone)
+        held = self.store.means.get((target.key, when))
+        if held is None or held[0] != version:
+            sums = summed(self.device, [each[1] for each in shone])
+            held = version, part_of_mean(self.device, sums, share)
+            self.store.means[target.key, when] = held
+        return held[1]
 
     def _share(self, target: Target) -> dict[str, Any]:
         """Return the share of each part of light in the colours of a lit group."""
@@ -221,7 +235,7 @@ class SplatLighting:
             for name, each in zip(names, shone, strict=True):
                 parts[name].append(each[1])
             sums = summed(self.device, [each[1] for each in shone])
-            ambient, rows = self._ambient(target, sums), self._rows(target)
+            ambient, rows = self._ambient(target), self._rows(target)
             held = version, shares_of(self.device, sums, parts, ambient, rows)
             self.store.shares[target.key] = held
         return held[1]
@@ -264,10 +278,10 @@ class SplatLighting:
     def _estimated(self, target: Target) -> tuple[Any, Any]:
         """Return the estimated light of photographs in the form of sums."""
         whole, kept = target.capture, self.store
-        colors = whole.group.field.radiance, whole.version
+        spec = whole.group.field.spec
+        colors = whole.group.field.radiance, spec.color_space, whole.version
         found = kept.captured.get(whole.key)
         if found is None or found[0] != colors:
-            spec = whole.group.field.spec
             found = colors, estimate(spec.cloud, spec.color_space, whole.surface)
             kept.captured[whole.key] = found
         version = colors, target.version

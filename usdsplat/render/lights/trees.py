@@ -53,6 +53,8 @@ class LitTree:
     spec: TreeSpec
     splats: Field
     surface: SurfaceValues
+    problems: dict[int, UsdSplatError]
+    """Chunk -> why splats of the cut could not be read."""
     nodes: dict[int, tuple[SplatCloud, SurfaceValues]] = field(default_factory=dict)
     """First element of a node's field -> its splats and their normals."""
 
@@ -95,27 +97,34 @@ class Casters:
     trees: dict[str, LitTree]
 
 
-def cut_size(scene: RenderScene, settings: RenderSettings) -> int:
-    """Return the most splats that lights see of each tree."""
+def cut_size(scene: RenderScene) -> int:
+    """Return the most splats that lights see of each tree. It does not depend on the splat budget,
+    which changes with each movement of a camera."""
     count = sum(len(tree.instances) for _, tree in scene.drawn_trees())
-    most = ALL_SPLATS // max(1, count)
-    if settings.splat_budget:
-        most = min(most, settings.splat_budget // max(1, count))
-    return max(1, min(TREE_SPLATS, most))
+    return max(1, min(TREE_SPLATS, ALL_SPLATS // max(1, count)))
 
 
-def casters_of(scene: RenderScene, settings: RenderSettings, store: TreeStore) -> Casters:
-    """Return what casts shadows: the splats of fields, and the cuts of trees."""
-    most = cut_size(scene, settings)
+def casters_of(
+    scene: RenderScene, settings: RenderSettings, store: TreeStore, *, reads: bool = True
+) -> Casters:
+    """Return what casts shadows: the splats of fields, and the cuts of trees.
+
+    Args:
+        reads: Whether cuts that are not kept are read; else their trees cast no shadows.
+    """
+    most = cut_size(scene)
     fields = scene.draw_list(settings.splat_budget)
     trees, drawn = {}, list(scene.drawn())
     for path, tree in scene.drawn_trees():
-        found = _lit(path, tree, most, store.lit.get(path))
+        found = _held(tree, most, store.lit.get(path))
+        if found is None and reads:
+            found = _lit(path, tree, most)
         if found is None:
             continue
         trees[path] = found
         drawn += [(path, found.splats, each) for each in tree.instances]
-    store.lit = trees
+    if reads:
+        store.lit = trees
     if not trees:
         return Casters(drawn, fields, trees)
     key = (fields, *(each for row in drawn for each in row[1:]))
@@ -148,22 +157,34 @@ def looked_up(surface: SurfaceValues, positions: F32, queries: F32) -> SurfaceVa
 # --- private ---------------------------------------------------------------------------------
 
 
-def _lit(path: str, tree: Tree, most: int, held: LitTree | None) -> LitTree | None:
-    """Return the cut of a tree, the one that is held if it is the same; None without splats."""
+def _content(spec: TreeSpec, most: int) -> tuple[Any, ...]:
+    """Return what the splats of a cut depend on."""
+    return spec.table, spec.chunks, {node: each[0] for node, each in spec.live.items()}, most
+
+
+def _held(tree: Tree, most: int, held: LitTree | None) -> LitTree | None:
+    """Return a cut that is kept, with the present values of its tree; None if it is another one."""
     spec = tree.spec
-    content = spec.table, spec.chunks, {node: each[0] for node, each in spec.live.items()}, most
-    if held is not None and held.content == content:
-        if held.spec is not spec:
-            held.spec = spec
-            held.splats.replace(_field_spec(spec, held.splats.spec.cloud))
-        held.splats.crops = tree.crops
-        return held
-    clouds = _read(spec, most)
+    if held is None or held.content != _content(spec, most):
+        return None
+    if held.spec is not spec:
+        held.spec = spec
+        held.splats.replace(_field_spec(spec, held.splats.spec.cloud))
+    held.splats.crops = tree.crops
+    tree.problems |= held.problems
+    return held
+
+
+def _lit(path: str, tree: Tree, most: int) -> LitTree | None:
+    """Read the cut of a tree, and compute its normals; None without splats."""
+    spec = tree.spec
+    clouds, problems = _read(spec, most)
+    tree.problems |= problems
     if not clouds:
         return None
     found = _field_spec(spec, merge(clouds))
     own = Field(spec=found, crops=tree.crops, tree=path)
-    return LitTree(content, spec, own, surface_values(found))
+    return LitTree(_content(spec, most), spec, own, surface_values(found), problems)
 
 
 def _field_spec(spec: TreeSpec, cloud: SplatCloud) -> FieldSpec:
@@ -175,24 +196,29 @@ def _field_spec(spec: TreeSpec, cloud: SplatCloud) -> FieldSpec:
     )
 
 
-def _read(spec: TreeSpec, most: int) -> list[SplatCloud]:
-    """Return the splats of the finest cut of so many. Coarser nodes stand for those that cannot be
-    read, as in a picture, which reports them."""
+def _read(spec: TreeSpec, most: int) -> tuple[list[SplatCloud], dict[int, UsdSplatError]]:
+    """Return the splats of the finest cut of so many, and why chunks could not be read. Coarser
+    nodes stand for those, as in a picture, which may not draw them itself."""
     table, refined = spec.table, np.zeros(len(spec.table), np.bool_)
     refined[budget_cut(table, most).above] = True
-    clouds: dict[_Rows, SplatCloud | None] = {}
+    clouds: dict[_Rows, SplatCloud | UsdSplatError] = {}
     while True:
         cut = refined_cut(table, refined)
         parts = [part for part in _parts(table, cut) if part[2]]
         missing = [part for part in parts if part not in clouds]
         with ThreadPoolExecutor(THREADS, thread_name_prefix="cut") as pool:
             clouds.update(zip(missing, pool.map(partial(_cloud, spec), missing), strict=True))
-        failed = [part[0] for part in missing if clouds[part] is None]
+        failed = [part[0] for part in missing if isinstance(clouds[part], UsdSplatError)]
         above = {next(stand_ins(table, node), -1) for node in failed} - {-1}
         if not any(refined[node] for node in above):
             break
         refined[list(above)] = False
-    return [cloud for part in parts if (cloud := clouds[part]) is not None]
+    problems = {
+        int(table.chunk[node]): error
+        for (node, _, _), error in clouds.items()
+        if isinstance(error, UsdSplatError)
+    }
+    return [each for part in parts if isinstance(each := clouds[part], SplatCloud)], problems
 
 
 def _parts(table: NodeTable, cut: NodeCut) -> list[_Rows]:
@@ -204,12 +230,12 @@ def _parts(table: NodeTable, cut: NodeCut) -> list[_Rows]:
     ]
 
 
-def _cloud(spec: TreeSpec, rows: _Rows) -> SplatCloud | None:
-    """Return rows of a node; None if they cannot be read."""
+def _cloud(spec: TreeSpec, rows: _Rows) -> SplatCloud | UsdSplatError:
+    """Return rows of a node, or why they cannot be read."""
     try:
         return spec.read(*rows)
-    except UsdSplatError:
-        return None
+    except UsdSplatError as error:
+        return error
 
 
 def _same(before: tuple[Any, ...], now: tuple[Any, ...]) -> bool:

@@ -9,6 +9,7 @@ import numpy as np
 
 from usdsplat.render import memory
 from usdsplat.render.lights.memory import node_bytes
+from usdsplat.render.lights.needs import LightRequest
 from usdsplat.render.lod.nodes import view_cut
 from usdsplat.render.memory import Estimate, PictureRequest
 from usdsplat.render.scene import RenderScene
@@ -20,6 +21,10 @@ PER_SPLAT = 250
 lists."""
 PER_PIXEL = 4 * (4 + 3 + 4 + 4 + 1)
 """Bytes of the buffers for one pixel of a band: sums over samples, and over their repetitions."""
+PER_PART = 4 * (3 + 4)
+"""The same for the AOV of a light group."""
+PER_LIGHT = 4 * 3
+"""The same for the AOVs `shadow` and `irradiance`."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -78,7 +83,10 @@ def estimate(
     lit = node_bytes(scene, view, settings, set(request.aovs), load.splats)
     buffers = request.pictures * (load.splats * PER_SPLAT + lit)
     x0, _, x1, _ = view.framing.window
-    band = request.pictures * found.rows * (x1 - x0) * PER_PIXEL
+    wanted = LightRequest.of(request.aovs)
+    parts, others = len(wanted.parts), wanted.shadow + wanted.irradiance
+    per_pixel = PER_PIXEL + PER_PART * parts + PER_LIGHT * others
+    band = request.pictures * found.rows * (x1 - x0) * per_pixel
     return replace(
         found,
         held=found.held + more,
