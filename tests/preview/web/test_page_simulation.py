@@ -38,6 +38,7 @@ def seat(browser: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Sea
 
     seat = Seat(browser, opened)
     seat.rested()
+    seat.page.locator('.group:has([data-name="particles:gravity"]) > summary').click()
     yield seat
     seat.close()
 
@@ -81,7 +82,6 @@ def test_a_simulation_runs_is_paused_turned_and_reset(seat: Seat, tmp_path: Path
     wait_for_status(seat, "paused", "frame 2")
     assert lowest(seat, 2) == pytest.approx(lowest(seat, 1), abs=1e-6)
 
-    page.locator('.group:has([data-name="particles:gravity"]) > summary').click()
     gravity = page.locator('.knob[data-name="particles:gravity"] input').nth(1)
     gravity.fill("-24")
     gravity.press("Enter")
