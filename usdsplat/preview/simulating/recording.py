@@ -112,9 +112,9 @@ class Recording(ShownJob):
     def _stopped(self) -> None:
         """Say what was recorded, and show all of it."""
         super()._stopped()
-        self.message = self.stopped
         if self.frame is not None or self._existing == "resume":
             self._done = _completed(self.target)
+        self.message = self.stopped
         with self._host.lock:
             if self._is_removed:
                 return
@@ -193,7 +193,8 @@ class Recording(ShownJob):
     @property
     def stopped(self) -> str:
         """Sentence about the result if the recording is stopped now."""
-        done = "before its first frame" if self.frame is None else f"after frame {self.frame:g}"
+        frame = self._every[self._done - 1] if self._done else self.frame
+        done = "before its first frame" if frame is None else f"after frame {frame:g}"
         return f"{self.target}: stopped {done}; record to it again to resume"
 
 
