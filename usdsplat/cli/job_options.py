@@ -43,8 +43,8 @@ class JobOptions:
 
     jobs: Annotated[str | None, option("N|auto", excludes="--dask")] = None
     """number of processes of this machine; auto: one for each GPU, or for each core, but no more
-    than its free memory holds; default: one, and auto from when that saves time, see
-    docs/farm.md"""
+    than its free memory holds; default: one, and for render, convert and wedges auto from
+    when that saves time, see docs/farm.md"""
     dask: Annotated[str | None, option("ADDRESS|local", excludes="--openjd")] = None
     """let a Dask scheduler run the tasks, such as tcp://host:8786; local starts one here"""
     openjd: Annotated[Path | None, option("FOLDER", excludes="--jobs")] = None

@@ -45,7 +45,7 @@ class Options:
     device: Annotated[str, option("NAME")] = "auto"
     """device that computes, auto, cpu or cuda; default: auto, which is the CPU"""
     threads: Annotated[int | None, option("N")] = None
-    """number of threads; default: all cores"""
+    """number of threads; default: USDSPLAT_THREADS, or all cores"""
     json: Annotated[bool, option()] = False
     """print one JSON object with the result"""
     opening: StageOptions = field(default_factory=StageOptions)

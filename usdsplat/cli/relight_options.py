@@ -36,7 +36,7 @@ class Options:
     device: Annotated[str, option("NAME")] = "auto"
     """device that computes, auto, cpu or cuda; default: auto"""
     threads: Annotated[int | None, option("N")] = None
-    """number of threads; default: all cores"""
+    """number of threads; default: USDSPLAT_THREADS, or all cores"""
     part: Annotated[str | None, option("K/N")] = None
     """light only part K, from 1, of N parts of the times, which may be done side by side, for a
     farm; then the command without a part writes the layer"""
