@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from pxr import Gf, Usd, UsdGeom, UsdLux
 
-from tests.cli.test_job_failures import LONG, begun, ended, gate, until, waits
+from tests.cli.test_job_failures import LONG, begun, ended, gate, listening, until, waits
 from tests.delegate.scene_delegate.test_lights import sky_picture
 from tests.jobs.test_local import children
 from tests.kernels.points.splat_shapes import sphere
@@ -305,7 +305,8 @@ def test_a_worker_that_is_killed_is_replaced(words, alone, tmp_path, gate):
 def test_a_job_that_is_interrupted_goes_on_with_the_same_command(words, alone, tmp_path, gate):
     """Oracle: one process; the first times are not lit again, and the command says what to do."""
     folder = tmp_path / "job" / "r.usdc.parts"
-    with begun(*words, "--jobs", "1", "--chunk", "2", env=waits(gate)) as client:
+    as_in_a_shell = {"preexec_fn": listening, "env": waits(gate)}
+    with begun(*words, "--jobs", "1", "--chunk", "2", **as_in_a_shell) as client:
         until(lambda: folder.is_dir() and names(folder)[:2] == ALL[:2])
         before = (folder / ALL[0]).stat()
         client.send_signal(signal.SIGINT)
