@@ -6,8 +6,9 @@
 "alone" is `usdsplat render` with --threads, so that it stays one process; "default" has neither
 that flag nor --jobs, and lets several processes go on where that saves time. Times are medians of
 the runs, in which the commands take turns: wall time of the whole command, with its start, and CPU
-time of all its processes; "per file" is wall time over files; "against alone" is the ratio of CPU
-times, the overhead of the job.
+time of all its processes; "per file" is wall time over files; "steady" is the rate from the
+first file to the last, without the starts; "against alone" is the ratio of CPU times, the
+overhead of the job.
 Kernels and bytecode are compiled before.
 """
 
@@ -65,6 +66,12 @@ def run(words: list[str]) -> tuple[float, float]:
     return time.perf_counter() - before, spent + after.children_system - children.children_system
 
 
+def steady(folder: Path) -> float:
+    """Return the pictures in a folder per second, between the first and the last [1/s]."""
+    times = [each.stat().st_mtime for each in folder.glob("out.*.exr")]
+    return (len(times) - 1) / max(max(times) - min(times), 1e-6)
+
+
 def main(report: Report) -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -83,7 +90,7 @@ def main(report: Report) -> None:
         ways |= {"--dask local": ["--dask", "local"]}
     title = f"{options.frames} frames of {options.size}, {options.samples} samples, EXR"
     table = Table(title=f"{options.capture.name}, {options.device}: {title}")
-    for name in ("command", "wall s", "CPU s", "per file ms", "files/s", "against alone"):
+    for name in ("command", "wall s", "CPU s", "per file ms", "files/s", "steady", "against alone"):
         table.add_column(name, justify="right")
     alone = 0.0
     with tempfile.TemporaryDirectory() as folder:
@@ -94,16 +101,22 @@ def main(report: Report) -> None:
         ]  # fmt: skip
         for flags in ways.values():
             run([*words, "--frames", "1-2", *flags])
-        taken: dict[str, list[tuple[float, float]]] = {way: [] for way in ways}
+        taken: dict[str, list[tuple[float, float, float]]] = {way: [] for way in ways}
         for _ in range(options.runs):
             for way, flags in ways.items():
-                taken[way].append(run([*words, *flags]))
+                taken[way].append((*run([*words, *flags]), steady(Path(folder))))
         for way, times in taken.items():
-            wall, cpu = (statistics.median(each) for each in zip(*times, strict=True))
+            wall, cpu, rate = (statistics.median(each) for each in zip(*times, strict=True))
             alone = alone or cpu
             report.add(device=options.device, scene=way, ms=1e3 * wall, cpu_ms=1e3 * cpu)
             per_file = 1e3 * wall / options.frames
-            cells = (f"{wall:.1f}", f"{cpu:.1f}", f"{per_file:.1f}", f"{1e3 / per_file:.2f}")
+            cells = (
+                f"{wall:.1f}",
+                f"{cpu:.1f}",
+                f"{per_file:.1f}",
+                f"{1e3 / per_file:.2f}",
+                f"{rate:.2f}",
+            )
             table.add_row(way, *cells, f"{cpu / alone:.2f}")
     report.show(table)
 

@@ -70,7 +70,7 @@ def run_tasks(
     *,
     device: str,
 ) -> Findings:
-    """Light the stage by tasks. Return what else they found than the stage itself: messages of
+    """Light the stage by tasks. Return their findings that are not about the stage: messages of
     libraries, which a command says at its end.
 
     Args:
@@ -164,7 +164,7 @@ def _task(
 
 
 def _parts(work: Relighting, chunk: int) -> int:
-    """Return the number of parts that have at most `chunk` times each."""
+    """Return the number of equal parts of the times, each with at most `chunk` times."""
     return -(-len(work) // chunk)
 
 

@@ -19,45 +19,46 @@ import os
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 from usdsplat.cli.job_options import JobOptions
 from usdsplat.cli.reporting import Reporter
 from usdsplat.core.progress import Progress, TimedProgress
 
 EFFICIENCY = 0.9
-"""Part of the speedup that is counted on: processes share memory and disks."""
+"""Fraction of the computed speedup that is expected, because processes share memory and disks."""
 LOADING = 2.0
-"""Time in which a process loads the program [s]."""
+"""Time that a process takes to load the program [s]."""
 MEASURED = 2.0
-"""Time from which a measurement counts [s]."""
+"""Shortest duration of a measurement that is used [s]."""
 LEAST_SAVED, LEAST_PART = 10.0, 0.2
-"""What must be saved: this time [s], and this part of the time that is left."""
+"""Least time that several processes must save [s], and least fraction of the remaining time."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Capacity:
-    """What this machine has for the processes of a command."""
+    """Cores, memory and GPUs of this machine, for the processes of a command."""
 
     cores: int
     free: int
     """Memory that is free [byte]; 0 if the system does not say."""
     peak: int
-    """Memory that one process took at most [byte]; 0 if the system does not say."""
+    """Peak memory of one process [byte]; 0 if the system does not say."""
     gpus: int = 0
     """Number of GPUs; 0 if the CPU does the work."""
 
     def processes(self, tasks: int) -> int:
-        """Return how many processes can run so many tasks; 1 if the memory is not known."""
+        """Return the number of processes for a number of tasks; 1 if the memory is not known."""
         if not self.free or not self.peak:
             return 1
         return max(1, min(self.gpus or self.cores, tasks, self.free // self.peak))
 
     def speedup(self, processes: int, busy: float) -> float:
-        """Return how much faster so many processes are than one.
+        """Return the speed of several processes as a multiple of that of one, at least 1.
 
         Args:
             processes: Their number.
-            busy: Part of the cores that one process keeps busy, above 0.
+            busy: Fraction of the cores that one process uses, above 0.
         """
         if self.gpus:
             return max(1.0, EFFICIENCY * min(processes, 1 / busy))
@@ -79,7 +80,7 @@ def capacity(device: str) -> Capacity:
 
 
 class WorthSharing(Exception):
-    """Ends the work of one process, so that several go on.
+    """Several processes should do the remaining work: ends that of this one.
 
     Attributes:
         processes: Their number.
@@ -90,8 +91,21 @@ class WorthSharing(Exception):
         self.processes = processes
 
 
+class _Reading(NamedTuple):
+    """A step, and the times when it was taken."""
+
+    done: int
+    """Units finished."""
+    clock: float
+    """Time [s]."""
+    cpu: float
+    """Processor time of this process so far [s]."""
+    compiled: float
+    """Time spent on compiling kernels so far [s]."""
+
+
 class Pace:
-    """Measurement of a command that runs as one process, by its progress, which is passed on.
+    """Measures the speed of a command that runs as one process, and passes on its progress.
 
     Args:
         progress: Receives the steps.
@@ -119,65 +133,63 @@ class Pace:
         self._clock, self._cpu = clock, cpu
         self._created = clock()
         self._watched, self._first = label, first
-        self._label = ""
-        self._begun: tuple[float, float, float, float] | None = None
+        self._label, self._total = "", 0
+        self._begun: _Reading | None = None
+        self._last = _Reading(0, 0.0, 0.0, 0.0)
         self._start = 0.0
-        self._now = (0.0, 0.0, 0.0)
-        self._total = 0
 
     def step(self, label: str, done: int, total: int) -> None:
-        """Take a step of the work."""
+        """Pass on a step, see `Progress`, and measure it."""
         self._progress.step(label, done, total)
         if label != (self._watched or label):
             return
-        now, cpu, compiled = self._clock(), self._cpu(), self._compiled()
+        now = self._last = _Reading(done, self._clock(), self._cpu(), self._compiled())
         if label != self._label or total != self._total:
             self._label, self._total, self._begun = label, total, None
-        is_stale = self._begun is not None and compiled > self._begun[3]
+        is_stale = self._begun is not None and now.compiled > self._begun.compiled
         if done >= self._first and (self._begun is None or is_stale):
-            self._begun = (done, now, cpu, compiled)
-            self._start = self._start or LOADING + now - self._created
-        self._now = (done, now, cpu)
+            self._begun = now
+            self._start = self._start or LOADING + now.clock - self._created
 
     def expect(self, label: str, seconds: float | None, spent: float = 0.0) -> None:
-        """Pass on that work has begun that cannot be divided."""
+        """Pass on the start of work without steps, see `TimedProgress`."""
         if isinstance(self._progress, TimedProgress):
             self._progress.expect(label, seconds, spent)
         else:
             self._progress.step(label, 0, 0)
 
     def processes(self, tasks: int, *, again: bool = False) -> int:
-        """Return how many processes should do what is left; 1 if this one should.
+        """Return the number of processes that should do the remaining work; 1 for this one alone.
 
         Args:
-            tasks: Number of tasks into which that can be divided.
-            again: Whether they would do again what is done.
+            tasks: Number of tasks into which the work can be divided.
+            again: Whether these tasks would repeat the finished work.
         """
         if self._begun is None or tasks < 2:
             return 1
-        (done, now, cpu), (first, since, cpu_before, _) = self._now, self._begun
-        seconds, units = now - since, done - first
+        first, last = self._begun, self._last
+        seconds, units = last.clock - first.clock, last.done - first.done
         if seconds < MEASURED or units <= 0:
             return 1
         unit = seconds / units
-        left = unit * (self._total - done)
+        left = unit * (self._total - last.done)
         if left < LEAST_SAVED:
             return 1
         here = self._of()
         count = here.processes(tasks)
-        busy = min(1.0, max(cpu - cpu_before, 1e-3) / (seconds * here.cores))
+        busy = min(1.0, max(last.cpu - first.cpu, 1e-3) / (seconds * here.cores))
         work = unit * self._total if again else left
         saved = left - (work / here.speedup(count, busy) + self._start)
         return count if saved > max(LEAST_SAVED, LEAST_PART * left) else 1
 
 
 class SharedPace(Pace):
-    """A pace that ends the work by `WorthSharing`, after a step of one label.
+    """A pace that raises `WorthSharing` after a step with one label.
 
     Args:
         label: The label, whose units are tasks.
         progress, of, first, compiled: Those of `Pace`.
-        again: Whether the tasks do again what is done.
+        again: Whether the tasks would repeat the finished work.
     """
 
     def __init__(
@@ -194,7 +206,7 @@ class SharedPace(Pace):
         self._again = again
 
     def step(self, label: str, done: int, total: int) -> None:
-        """Take a step.
+        """Pass on a step, measure it, and decide.
 
         Raises:
             WorthSharing: If several processes should go on.
@@ -225,6 +237,6 @@ def may_share(job: JobOptions, reporter: Reporter, *limits: object) -> bool:
 
 
 def shared(job: JobOptions, processes: int, reporter: Reporter) -> JobOptions:
-    """Say that so many processes go on, and return the options of their job."""
+    """Tell the user the number of processes that go on, and return the options of their job."""
     reporter.remark(f"{processes} processes go on, which takes less time; --jobs 1 keeps it to one")
     return replace(job, jobs=str(processes))

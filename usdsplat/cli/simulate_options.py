@@ -122,7 +122,7 @@ class BakeOrder:
 
 
 def consecutive(text: str) -> tuple[float, ...]:
-    """Return the frames of --frames, each one after the one before.
+    """Return the frames of --frames, which must follow each other without a gap.
 
     Raises:
         UsageError: If they are others.

@@ -15,9 +15,9 @@ from usdsplat.core.errors import UsageError
 from usdsplat.images import cryptomatte
 
 LIGHT = "light_"
-"""Start of the names of AOVs of light groups."""
+"""Prefix of the names of AOVs of light groups."""
 CAPTURED = "light_captured"
-"""AOV of the light that no light of the stage explains."""
+"""Name of the AOV of the rest of the colour, which no light group contributes."""
 EVERY_LIGHT = ("lights", "light_*")
 """Names in requests that stand for the AOVs of all light groups."""
 

@@ -12,7 +12,7 @@ from usdsplat.products.tiles import Tiling
 DRAW, JOIN = "draw", "join"
 FRAMES, TILE = "frames", "tile"
 TURNS = 8
-"""Number of tasks of each worker, from which the size of the first ones follows."""
+"""Number of tasks of each worker if all had the size of the first ones."""
 
 
 def render_job(

@@ -23,7 +23,7 @@ BLOCKS = 48
 TILES = 96
 """Tiles in a part, at least, for each thread."""
 RECEIVERS = 1 << 12
-"""Receivers of light in a part, for each thread."""
+"""Number of receivers of light in one launch, for each thread."""
 ROWS = 1 << 18
 """Splats in a part that only copies them, for each thread."""
 

@@ -49,8 +49,8 @@ from usdsplat.render.patience import Patience
 FIXED = ("project", "shade", "find ray hits", "find features", "sort")
 """Stages of the renderer whose time does not depend on the resolution."""
 ONCE = ("lay out", "light splats")
-"""Stages that only the first picture of some splats or lights has: they count to no picture's
-cost."""
+"""Stages that only the first picture with certain splats or lights has. Estimates of the cost of a
+picture leave them out."""
 
 FindOverlays = Callable[[Engine, ViewState], Overlays]
 

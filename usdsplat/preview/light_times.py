@@ -1,4 +1,5 @@
-"""Remember how long the light of scenes takes, to know whether a movement can have it."""
+"""Remember how long it takes to compute the light of a scene, to know whether pictures of a
+movement can wait for it."""
 
 from __future__ import annotations
 

@@ -31,8 +31,8 @@ STEADY = 0.2
 MOVING_MS = 35.0
 """Time limit of a picture while the view moves."""
 OPENING_MS = 20.0
-"""Time limit of the first picture of a movement: until it is begun, the end of the full picture in
-progress is waited for."""
+"""Time limit of the first picture of a movement. It is shorter than that of the others, because the
+full picture in progress must end before it begins."""
 RESTING_MS = 150.0
 """Time limit to draw the full picture at once when the view rests."""
 LONGEST_MS = 1500.0

@@ -114,8 +114,8 @@ class Picture:
     missing: int = 0
     """Parts of nodes of splat trees that coarser ones replace until they are read."""
     lacks_light: bool = False
-    """Whether it shows an earlier light, or that of the capture, until that of the stage is
-    computed."""
+    """Whether the picture has an earlier light, or that of the photographs, since the light of the
+    stage is not computed yet."""
     milliseconds: dict[str, float] = field(default_factory=dict)
     """Wall time by stage of the frame, including "total"."""
     megabytes: float = 0.0
@@ -209,7 +209,7 @@ class Busy:
     total: int = 0
     """Number of its parts; 0 if it is not known."""
     of_picture: bool = False
-    """Whether it is part of drawing a picture, which shows something older until then."""
+    """Whether this is work on the next picture; until it is done, an older one is shown."""
 
 
 Event = Picture | Opened | StageChanged | SimulationStatus | Problem | Busy

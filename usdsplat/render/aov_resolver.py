@@ -73,7 +73,7 @@ class SplatLayers:
     left: F32 | None
     """Transmittance to the surfaces, shape (h, w); None without surfaces."""
     lights: F32 | None = None
-    """As `color`, by each part of the light, shape (parts h, w, 4); None if there are none."""
+    """The part of `color` by each light group, shape (parts * h, w, 4); None if not requested."""
 
 
 class AovResolver:
@@ -197,7 +197,7 @@ class AovResolver:
         return self._frame.output.light(out)
 
     def _light_layers(self, parts: tuple[str, ...], color: F32) -> F32:
-        """Return the splats' colours by each part of the light, see `SplatLayers`."""
+        """Return the part of the splats' colours by each light group, see `SplatLayers`."""
         height, width = self._tiles.shape
         layers: F32 = self._buffers.lights(len(parts), height, width)
         self._run(total.clear, layers)
@@ -363,7 +363,7 @@ def composited_parts(
 
 
 def _part_of(frame: FrameContext, band: SurfaceBand, name: str) -> F32:
-    """Return the colours of surfaces by a part of the light, linear Rec.709, shape (h, w, 3)."""
+    """Return the colours that one light group gives surfaces, linear Rec.709, shape (h, w, 3)."""
     run, light = frame.device.run, band.light
     out: F32 = frame.buffers.lit.colors(*band.color.shape[:2])
     if light is None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from usdsplat.core.cancel import CancelToken
 
@@ -17,13 +17,12 @@ class Patience:
     """Whether light is computed that is not kept. Else splats keep their last light, or have that
     of the capture if there is none, and lights whose depth maps are not kept shine on surfaces
     without shadows."""
-    token: CancelToken = field(init=False)
-    """`cancel`, or a token that nobody cancels."""
 
-    def __post_init__(self) -> None:
-        """Make the token."""
-        object.__setattr__(self, "token", self.cancel or CancelToken())
+    @property
+    def token(self) -> CancelToken:
+        """`cancel`, or a token that nobody cancels."""
+        return self.cancel or CancelToken()
 
 
 ENDLESS = Patience()
-"""Of pictures that are made to be kept."""
+"""The patience of a picture for a file: it waits for everything."""

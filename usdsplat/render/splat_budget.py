@@ -15,7 +15,8 @@ from usdsplat.core.cloud import F32, I32, SplatCloud
 from usdsplat.core.edit import take
 
 KEPT = 2
-"""Number of subsets that are kept: a movement begins with fewer splats than it goes on with."""
+"""Number of subsets that are kept: one for the first picture of a movement, which has fewer splats,
+and one for the others."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -34,7 +34,7 @@ class SurfaceLight:
     sums: F32
     """Light of all lights, see `lighting.illuminate`, shape (h * w, SUMS)."""
     parts: Mapping[str, F32]
-    """AOV of a light group -> its part of that which colours have, shape (h * w, 3)."""
+    """AOV of a light group -> light of this group that colours are made of, shape (h * w, 3)."""
     first: int
     """First column of `sums` with that: light with shadows, or without."""
     ambient: float

@@ -1,4 +1,4 @@
-"""Read the light groups of lights, by which light is divided into AOVs.
+"""Read the light group of each light. A picture can have an AOV for each group.
 
 USD has no attribute for them. Ours is a primvar, so that a prim above several lights can name their
 group. Those of other renderers are read where it is missing.

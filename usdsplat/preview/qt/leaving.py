@@ -16,7 +16,7 @@ RECORDS = (
 EDITED = "Save your edits to {name} before {event}? They go to a layer of their own."
 MARKED = "Bookmarks are forgotten: {names}. Save those that matter as cameras first."
 CLOSES = "the window closes"
-"""The event before which is asked, as part of a sentence."""
+"""What happens after the question, as the end of its sentence."""
 
 
 def losses(workspace: Workspace | None, event: str = CLOSES) -> tuple[str, ...]:

@@ -20,8 +20,8 @@ from usdsplat.sim.stage.skeletons import Rigs
 from usdsplat.sim.stage.targets import SHAPES, Triangles
 
 MOST_EDGES = 600
-"""Number of edges that are drawn of one affector; one with more would hide the splats, and has its
-box instead."""
+"""Maximum number of edges drawn for one affector. More would hide the splats, so its box is drawn
+instead."""
 _BOX = np.array([(i, i | 1 << axis) for i in range(8) for axis in range(3) if not i & 1 << axis])
 """Edges of a box, as pairs of corners; bit i of a corner is its side along axis i."""
 _TARGET = f"{NAMESPACE}:conform:target"

@@ -15,8 +15,8 @@ from usdsplat.render.settings import RenderSettings
 from usdsplat.render.specs import View
 
 LOOKS = 4
-"""Number of combinations of light settings whose light is kept: both sides of a comparison, and
-those before them."""
+"""Number of kept lights, one for each combination of light settings: two for the sides of a
+comparison, and two for what was shown before."""
 
 
 def light_version(

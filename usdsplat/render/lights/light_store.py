@@ -33,7 +33,8 @@ class LightStore:
     gains: dict[tuple[Key, str], tuple[Any, GroupGains]] = field(default_factory=dict)
     """Receivers and mode -> what their gains depend on, and the gains."""
     means: dict[tuple[Key, str], tuple[Any, F32]] = field(default_factory=dict)
-    """Receivers, and present or captured light -> what its mean depends on, and a part of it."""
+    """(Receivers, "present" or "captured" light) -> what its ambient part depends on, and this
+    part, shape (3,)."""
     shares: dict[Key, tuple[Any, dict[str, Any]]] = field(default_factory=dict)
     """Receivers -> what their shares depend on, and those of each part of their light."""
     arrivals: dict[Key, tuple[Any, Any]] = field(default_factory=dict)
@@ -45,7 +46,7 @@ class LightStore:
     last: LastLights = field(default_factory=LastLights)
 
     def drop_others(self, keys: AbstractSet[Key]) -> None:
-        """Drop what is kept of all receivers but these, beside sums."""
+        """Keep only these receivers; their sums are dropped by the caller."""
         self.rows = {k: each for k, each in self.rows.items() if k in keys}
         self.captured = {k: each for k, each in self.captured.items() if k in keys}
         self.estimates = {k: each for k, each in self.estimates.items() if k in keys}

@@ -25,7 +25,7 @@ class LightRequest:
 
     @classmethod
     def of(cls, aovs: Iterable[str]) -> LightRequest:
-        """Return those among all AOVs of a picture."""
+        """Return the AOVs of light among the AOVs of a picture."""
         names = tuple(aovs)
         return cls(
             shadow="shadow" in names,
@@ -35,12 +35,12 @@ class LightRequest:
 
     @property
     def everything(self) -> bool:
-        """Whether light on all splats is needed, also on those that keep their own."""
+        """Whether the light on all splats is needed, also on splats that are drawn as captured."""
         return self.shadow or self.irradiance
 
     @property
     def any(self) -> bool:
-        """Whether there is any."""
+        """Whether any AOV of light is requested."""
         return self.everything or bool(self.parts)
 
 

@@ -52,7 +52,7 @@ class LightPaints:
 
     @property
     def is_divided(self) -> bool:
-        """Whether any splats have another light than that of their photographs."""
+        """Whether any splats are drawn in another light than that of their photographs."""
         return self.lighting is not None and bool(self.lighting.shares)
 
     def is_lit(self, part: str) -> bool:

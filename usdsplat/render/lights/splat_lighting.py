@@ -205,7 +205,7 @@ class SplatLighting:
         return gains
 
     def _ambient(self, target: Target) -> F32:
-        """Return the light that no light explains on a group."""
+        """Return A of a group, the light that no light of the stage explains, shape (3,)."""
         return self._part(target.capture, "present", self._shone(target.capture))
 
     def _part(self, target: Target, when: str, shone: Sequence[tuple[Any, Any]]) -> F32:
