@@ -52,7 +52,7 @@ def driven(state, *, device=DEVICE, now=4.0, **options) -> tuple[SplatCloud, Spl
     digest = state.digest()
     for name in {"positions", "scales", "opacities", "sh"} - {changes(driver)}:
         getattr(after, name).flags.writeable = False
-    drive(device, state, after, driver, crowding=CROWDING, normals=normals(N), now=now)
+    after = drive(device, state, after, driver, crowding=CROWDING, normals=normals(N), now=now)
     assert state.digest() == digest
     for name in ("positions", "rotations", "scales", "opacities", "sh"):
         same = np.array_equal(getattr(before, name), getattr(after, name))

@@ -107,6 +107,10 @@ class Device(Protocol):
         """Move `array` to the device's memory. The caller must not use the host array
         afterwards."""
 
+    def copied(self, array: Any) -> Any:
+        """Return a copy of an array in the device's memory, which may change. The copy of an array
+        that is kept does not come from the host."""
+
     def publish(self, array: Any) -> npt.NDArray[Any]:
         """Return a device array on the host, see `fetch`. A later `keep` of the result costs
         nothing. Neither array may change."""
@@ -123,7 +127,8 @@ class Device(Protocol):
     def run(self, kernel: Callable[..., Any], *args: Any) -> Any:
         """Call `kernel` with arrays of the host or the device's own, and return what it returns.
 
-        When `run` returns, host arrays contain the kernel's results.
+        When `run` returns, host arrays contain the kernel's results. The copies of `keep` are used
+        in place of their host arrays, and dropped if the kernel writes these.
         """
 
     def close(self) -> None:
@@ -169,6 +174,10 @@ class CpuDevice:
         return array
 
     publish = fetch
+
+    def copied(self, array: npt.NDArray[Any]) -> npt.NDArray[Any]:
+        """Return a contiguous copy of `array`."""
+        return np.array(array, order="C")
 
     def move(self, array: npt.NDArray[Any]) -> npt.NDArray[Any]:
         """Return `array`, copied only if it is not contiguous and aligned."""

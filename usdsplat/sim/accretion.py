@@ -181,7 +181,8 @@ class Accretion:
             colors[rows] *= self._tints(knobs, int(look.piece.max()) + 1)[piece]
         state.rest_sh[rows] = 0
         state.rest_sh[rows, 0] = rgb_to_dc(colors[rows])
-        # where nothing deforms splats, nothing else computes these from rest
+        # where nothing deforms splats, nothing else computes these; frames hold the old arrays
+        state.rotations, state.scales = state.rotations.copy(), state.scales.copy()
         state.rotations[rows] = state.rest_rotations[rows]
         state.scales[rows] = state.rest_scales[rows]
         if shared:

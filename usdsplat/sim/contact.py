@@ -73,6 +73,8 @@ class Contacts:
     def __init__(self, device: Device, fields: Fields | None = None) -> None:
         self._device = device
         self._fields = Fields(device) if fields is None else fields
+        self._limited: tuple[F32, F32] | None = None
+        """Scales at rest, and the deviations that clearance is measured in."""
 
     def step(
         self,
@@ -84,7 +86,7 @@ class Contacts:
         *,
         weight: F32 | None = None,
     ) -> ContactCounts:
-        """End a substep: change `positions`, `velocities` and `memory[SINCE]` of the state.
+        """End a substep: replace `positions`, `velocities` and `memory[SINCE]` of the state.
 
         Pinned splats stay, and those without a weight. All others end outside every enabled
         affector of the role collide, at least by its clearance times their size at rest. The
@@ -104,14 +106,17 @@ class Contacts:
         bodies = self.packed(before, after, dt)
         if not len(bodies) or not len(state):
             return ContactCounts()
-        flags = state.flags
-        if weight is not None:
+        flags, device = state.flags, self._device
+        if weight is not None and weight.min() <= 0:
             flags = np.where(weight > 0, flags, flags | np.uint32(PINNED))
         particles = Particles(
-            flags=flags, sizes=_sizes(state), positions=state.positions,
-            velocities=state.velocities, since=since,
+            flags=flags, sizes=self._sizes(state), positions=device.copied(state.positions),
+            velocities=device.copied(state.velocities), since=device.copied(since),
         )  # fmt: skip
         counts, strikes = self.push(bodies, started, particles, dt)
+        state.positions, state.velocities, state.memory[SINCE] = map(
+            device.publish, (particles.positions, particles.velocities, particles.since)
+        )
         touched, marched, trapped = (int(each) for each in self._device.fetch(counts).sum(axis=0))
         return ContactCounts(
             touched=touched,
@@ -162,13 +167,16 @@ class Contacts:
         )  # fmt: skip
         return counts, strikes
 
-
-def _sizes(state: State) -> F32:
-    """Return the deviations that clearance is measured in [unit], shape (n, 3)."""
-    if SIGMA not in state.globals:
-        largest = state.rest_scales.max(axis=1)
-        state.globals[SIGMA] = np.array([USUAL * np.median(largest)], np.float32)
-    return np.minimum(state.rest_scales, state.globals[SIGMA])
+    def _sizes(self, state: State) -> F32:
+        """Return the deviations that clearance is measured in [unit], shape (n, 3)."""
+        if SIGMA not in state.globals:
+            largest = state.rest_scales.max(axis=1)
+            state.globals[SIGMA] = np.array([USUAL * np.median(largest)], np.float32)
+        if self._limited is None or self._limited[0] is not state.rest_scales:
+            limited = np.minimum(state.rest_scales, state.globals[SIGMA])
+            self._device.keep(limited)
+            self._limited = state.rest_scales, limited
+        return self._limited[1]
 
 
 def contact_times(state: State) -> F32:

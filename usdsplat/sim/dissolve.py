@@ -163,9 +163,10 @@ class Dissolve:
             normals: Normals now, shape (n, 3).
             now: Time since the simulation's start [s].
         """
+        velocities = self.device.copied(state.velocities)
         self.device.run(
             kernels.let_go,
-            state.velocities,
+            velocities,
             state.flags,
             state.memory[GONE],
             self.device.upload(state.memory[TIMES]),
@@ -177,6 +178,7 @@ class Dissolve:
             PINNED,
             self.seed,
         )
+        state.velocities = self.device.publish(velocities)
 
     def place(
         self,
@@ -205,10 +207,12 @@ class Dissolve:
         back = from_world(to_world)
         push = back @ particles.gravity + particles.drag * (back @ particles.wind)
         flew = state.flags & FREE
+        positions = self.device.copied(state.positions)
+        velocities = self.device.copied(state.velocities)
         self.device.run(
             kernels.come,
-            state.positions,
-            state.velocities,
+            positions,
+            velocities,
             state.flags,
             self.device.upload(goals),
             self.device.upload(state.memory[TIMES]),
@@ -222,9 +226,12 @@ class Dissolve:
             PINNED,
             self.seed,
         )
+        state.positions, state.velocities = map(self.device.publish, (positions, velocities))
         if SPEEDS in state.memory:  # splats that have arrived move with their targets
             there = (flew & ~state.flags) != 0
-            state.velocities[there] = state.memory[SPEEDS][there]
+            if there.any():
+                speeds = state.memory[SPEEDS]
+                state.velocities = np.where(there[:, None], speeds, state.velocities)
 
     def fades(self, state: State, *, now: float) -> tuple[F32, F32]:
         """Return the factors of opacity and size, each of shape (n,).

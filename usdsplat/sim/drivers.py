@@ -5,6 +5,8 @@ They have no memory, so that frames can be made again with other drivers, withou
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from usdsplat.core.cloud import F32, SplatCloud
@@ -53,14 +55,14 @@ def drive(
     normals: F32,
     now: float,
     factor: F32 | None = None,
-) -> None:
-    """Apply a driver to the splats of a frame.
+) -> SplatCloud:
+    """Return the splats of a frame with the effect of a driver.
 
     Args:
         device: Runs the kernels.
         state: Source of the driver; does not change.
-        drawn: The same splats as drawn without the driver. The array that `changes` names is
-            changed in place; it must not be the state's.
+        drawn: The same splats as drawn without the driver; not changed. Only the array that
+            `changes` names is another one in the result.
         driver: Source, ramp and output.
         crowding: Number of neighbours relative to the target, shape (n,); may be empty for other
             sources.
@@ -90,17 +92,20 @@ def drive(
     if driver.output == "color":
         color = np.array(driver.color, np.float32)
         fade = np.float32(driver.sh_fade)
-        device.run(kernels.tint, part, np.float32(driver.amount), color, fade, drawn.sh)
-        return
-    none = np.empty((0, 3), np.float32)  # arrays that do not change may be read-only
+        sh = device.copied(drawn.sh)
+        device.run(kernels.tint, part, np.float32(driver.amount), color, fade, sh)
+        return replace(drawn, sh=device.publish(sh))
+    none = np.empty((0, 3), np.float32)
     changed = changes(driver)
+    out = device.copied(getattr(drawn, changed))
     device.run(
         kernels.drive,
         _OUTPUTS[driver.output],
         part,
         np.float32(driver.amount),
-        drawn.positions if changed == "positions" else none,
-        drawn.scales if changed == "scales" else none,
-        drawn.opacities if changed == "opacities" else none[:, 0].copy(),
+        out if changed == "positions" else none,
+        out if changed == "scales" else none,
+        out if changed == "opacities" else none[:, 0].copy(),
         device.upload(normals),
     )
+    return replace(drawn, **{changed: device.publish(out)})

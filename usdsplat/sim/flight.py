@@ -50,7 +50,7 @@ def fly(
 
     Args:
         device: Runs the kernels.
-        state: Its positions and velocities change.
+        state: Its positions and velocities are replaced.
         particles: Gravity, wind and turbulence in the space of the stage; drag is exact for any dt.
         step: The substep; turbulence depends on its time.
         to_world: From the simulation's space to the stage's, shape (4, 4).
@@ -62,10 +62,11 @@ def fly(
         StageError: If `to_world` is singular.
     """
     back = from_world(to_world)
+    positions, velocities = device.copied(state.positions), device.copied(state.velocities)
     device.run(
         kernels.fly,
-        state.positions,
-        state.velocities,
+        positions,
+        velocities,
         device.upload(state.flags),
         ALIVE if particles.enabled else ALIVE | FREE,
         PINNED,
@@ -84,6 +85,7 @@ def fly(
         np.float32(max_speed),
         np.uint32((step.seed + NOISE * 0x9E3779B9) & 0xFFFFFFFF),
     )
+    state.positions, state.velocities = map(device.publish, (positions, velocities))
 
 
 def _table(factors: Sequence[F32 | None], count: int) -> F32:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -57,7 +58,7 @@ def motion_of(
 
 
 def follow(
-    device: Device, binding: Binding, motion: Motion, positions: F32, gradient: F32 | None = None
+    device: Device, binding: Binding, motion: Motion, positions: Any, gradient: Any = None
 ) -> None:
     """Move splats with their carriers; those without carriers stay.
 
@@ -65,10 +66,13 @@ def follow(
         device: Runs the kernels.
         binding: Carriers of each splat.
         motion: How these move.
-        positions: Positions without the motion [unit], shape (n, 3); changed in place.
-        gradient: Gradient of the deformation so far, shape (n, 3, 3), multiplied in place; None
-            computes none.
+        positions: Positions without the motion [unit], shape (n, 3); an array of the host or of the
+            device, changed in place.
+        gradient: Gradient of the deformation so far, shape (n, 3, 3), likewise multiplied in place;
+            None computes none.
     """
+    for each in (binding.near, binding.weights):
+        device.keep(each)
     device.run(
         kernels.follow, binding.near, binding.weights, motion.poses, motion.displacements,
         motion.maps, np.float32(motion.spacing), positions,

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -69,58 +68,65 @@ class FrameEvaluator:
             gradient = self._strain.add(state, wanted, gradient, normals)
         areas = None if gradient is None else self._deform(state, moment, gradient)
         drawn = SplatCloud(
-            positions=state.positions.copy(),
-            rotations=state.rotations.copy(),
+            positions=state.positions,
+            rotations=state.rotations,
             scales=state.scales if fades.size is None else state.scales * fades.size[:, None],
             opacities=self._opacities(state, areas, fades.opacity),
             sh=state.sh,
-            ids=state.ids.copy(),
-            velocities=state.velocities.copy(),
+            ids=state.ids,
+            velocities=state.velocities,
         )
-        if drawn.scales is state.scales:
-            drawn = replace(drawn, scales=state.scales.copy())
-        facing = turned(normals, gradient) if moment.drivers else normals
+        facing = normals
+        if gradient is not None and any(
+            each.parameters.output == "displacement" for each in moment.drivers
+        ):
+            facing = turned(normals, self._device.fetch(gradient))
         for driver in moment.drivers:
             amount = f"driver:{driver.name}:amount"
             part = self._masks.factor(state, moment, amount, driver.parameters)
             drawn = self._drive(state, drawn, driver, facing, crowding, part, seconds)
-        state.opacities = drawn.opacities.copy()
-        return Frame(time=moment.time, cloud=drawn, uv=state.uv.copy(), births=state.births.copy())
+        state.opacities = drawn.opacities
+        return Frame(time=moment.time, cloud=drawn, uv=state.uv, births=state.births)
 
-    def _deform(self, state: State, moment: Moment, gradient: F32) -> F32 | None:
-        """Update rotations, scales and harmonics of the state, and return areas."""
-        appearance = moment.parameters.appearance
+    def _deform(self, state: State, moment: Moment, gradient: Any) -> Any:
+        """Replace rotations, scales and harmonics of the state, and return areas."""
+        appearance, device = moment.parameters.appearance, self._device
+        rotations = device.copied(state.rotations)
+        scales = device.resident(state.scales.shape, np.float32)
+        gradient = gradient if not isinstance(gradient, np.ndarray) else device.move(gradient)
         areas = transport(
-            self._device,
+            device,
             gradient,
             state.rest_rotations,
             state.rest_scales,
-            state.rotations,
-            state.scales,
+            rotations,
+            scales,
             appearance,
             factor=self._masks.factor(state, moment, "appearance:maxStretch"),
         )
+        state.rotations, state.scales = map(device.publish, (rotations, scales))
         if TURNED not in state.memory:
             state.memory[TURNED] = np.zeros(len(state), np.uint8)
-        sh = state.sh
-        if sh is not state.rest_sh:
-            sh = sh.copy()  # the last frame holds the old array
         state.sh, _ = rotate_harmonics(
-            self._device,
+            device,
             gradient,
             state.rest_sh,
-            sh,
+            state.sh,
             state.memory[TURNED],
             min_angle=appearance.sh_min_angle,
         )
         return areas
 
-    def _opacities(self, state: State, areas: F32 | None, factor: F32 | None) -> F32:
-        opacities = state.rest_opacities.copy()
-        if areas is not None:
-            thin(self._device, state.rest_opacities, areas, opacities)
+    def _opacities(self, state: State, areas: Any, factor: F32 | None) -> F32:
+        if areas is None:
+            opacities = state.rest_opacities.copy()
+        else:
+            thinned = self._device.resident(len(state), np.float32)
+            self._device.keep(state.rest_opacities)
+            thin(self._device, state.rest_opacities, areas, thinned)
+            opacities = self._device.publish(thinned)
         if factor is not None:
-            np.clip(opacities * factor, 0, 1, out=opacities)
+            opacities = np.clip(opacities * factor, 0, 1)
         return opacities
 
     def _drive(
@@ -133,10 +139,8 @@ class FrameEvaluator:
         factor: F32 | None,
         seconds: float,
     ) -> SplatCloud:
-        """Apply one driver, on arrays that belong to the frame."""
-        if driver.parameters.output == "color" and drawn.sh is state.sh:
-            drawn = replace(drawn, sh=state.sh.copy())
-        drive(
+        """Return the splats of a frame with the effect of one driver."""
+        return drive(
             self._device,
             state,
             drawn,
@@ -146,7 +150,6 @@ class FrameEvaluator:
             now=seconds,
             factor=factor,
         )
-        return drawn
 
 
 def turned(normals: F32, gradient: F32 | None) -> F32:

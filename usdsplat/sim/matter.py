@@ -252,7 +252,7 @@ class Matter:
         )  # fmt: skip
 
     def follow(
-        self, binding: Binding, moment: Moment, positions: F32, gradient: F32 | None = None
+        self, binding: Binding, moment: Moment, positions: Any, gradient: Any = None
     ) -> None:
         """Move splats with the matter, see `following.follow`."""
         follow(self._device, binding, self.motion(moment), positions, gradient)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from usdsplat.core.cloud import F32, I32, SplatCloud
 from usdsplat.core.sh import dc_to_rgb
 from usdsplat.kernels.device import Device
+from usdsplat.kernels.sim import following as kernels
 from usdsplat.sim.carriers import Binding, Carriers
 from usdsplat.sim.infill import Infill
 from usdsplat.sim.masks import Masks
@@ -136,19 +138,18 @@ class MatterField:
             wanted: Target positions [unit], shape (n, 3).
             seconds: Time since the last frame [s].
         """
-        positions = wanted.copy()
+        device = self._device
+        device.keep(wanted)
+        positions, velocities = device.copied(wanted), device.copied(state.velocities)
         self.matter.follow(Binding.kept(state), moment, positions)
-        flying = (state.flags & FREE) != 0
-        if flying.any():
-            positions[flying] = state.positions[flying]
-        moved = (positions - state.positions) / np.float32(seconds)
-        state.velocities = np.where(flying[:, None], state.velocities, moved)
-        state.positions = positions
+        device.run(
+            kernels.arrive, state.positions, state.flags, FREE, np.float32(seconds), positions,
+            velocities,
+        )  # fmt: skip
+        state.positions, state.velocities = map(device.publish, (positions, velocities))
 
-    def carried(
-        self, state: State, moment: Moment, wanted: F32, gradient: F32 | None
-    ) -> tuple[F32, F32]:
-        """Return target positions and gradients with the motion of the matter.
+    def carried(self, state: State, moment: Moment, wanted: F32, gradient: F32 | None) -> Any:
+        """Return gradients with the motion of the matter, an array of the device.
 
         Args:
             state: The splats.
@@ -156,12 +157,14 @@ class MatterField:
             wanted: Target positions [unit], shape (n, 3).
             gradient: Gradients of the deformation so far, shape (n, 3, 3); None without any.
         """
-        positions = wanted.copy()
+        device = self._device
         if gradient is None:
-            gradient = np.empty((len(state), 3, 3), np.float32)
-            gradient[:] = np.eye(3, dtype=np.float32)
-        self.matter.follow(Binding.kept(state), moment, positions, gradient)
-        return positions, gradient
+            total = device.resident((len(state), 3, 3), np.float32)
+            device.run(kernels.undeformed, total)
+        else:
+            total = device.move(gradient)
+        self.matter.follow(Binding.kept(state), moment, device.copied(wanted), total)
+        return total
 
     def remember(self, state: State) -> None:
         """Add to the state what `restore` needs."""

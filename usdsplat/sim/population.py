@@ -50,9 +50,10 @@ def grow(
         normals: Normals at rest, shape (n, 3).
         rate_factor: Factor of the rate, shape (n,).
     """
+    positions = device.copied(state.positions)
     device.run(
         kernels.grow,
-        state.positions,
+        positions,
         state.rest_positions,
         device.upload(state.rotations),
         device.upload(state.rest_rotations),
@@ -67,6 +68,7 @@ def grow(
         ALIVE,
         PINNED | FREE | DYING,
     )
+    state.positions = device.publish(positions)
 
 
 def births(

@@ -9,7 +9,7 @@ import numpy as np
 from usdsplat.core.cloud import F32
 from usdsplat.kernels.device import Device
 from usdsplat.kernels.sim.settle import settle
-from usdsplat.sim.contact import contact_times
+from usdsplat.sim.contact import SINCE, contact_times
 from usdsplat.sim.parameters import SettleParameters
 from usdsplat.sim.state import State
 
@@ -29,9 +29,9 @@ def settle_back(
     max_speed: float = math.inf,
     factor: F32 | None = None,
 ) -> None:
-    """Advance `positions` and `velocities` of a state by one substep, and `memory[SINCE]` and,
-    where targets move, `memory[SPEEDS]`. If the latter is missing, the targets are assumed to have
-    moved with the same velocity before this substep.
+    """Replace `positions`, `velocities` and `memory[SINCE]` of a state by those after one substep,
+    and where targets move, update `memory[SPEEDS]`. If the latter is missing, the targets are
+    assumed to have moved with the same velocity before this substep.
 
     A splat of weight w is attracted by a critically damped spring of omega w. With weight 0 or
     omega 0 it keeps its offset from the target. For `delay` after a contact only the damper acts.
@@ -46,6 +46,9 @@ def settle_back(
     """
     if before is not after and SPEEDS not in state.memory:
         state.memory[SPEEDS] = (after - before) / np.float32(dt)
+    device.keep(after)
+    positions, velocities = device.copied(state.positions), device.copied(state.velocities)
+    since = device.copied(contact_times(state))
     device.run(
         settle,
         np.float32(parameters.omega),
@@ -57,7 +60,10 @@ def settle_back(
         NOBODY if before is after else state.memory[SPEEDS],
         state.flags,
         state.weight if factor is None else state.weight * factor,
-        state.positions,
-        state.velocities,
-        contact_times(state),
+        positions,
+        velocities,
+        since,
+    )
+    state.positions, state.velocities, state.memory[SINCE] = map(
+        device.publish, (positions, velocities, since)
     )

@@ -142,11 +142,10 @@ class Solver:
         state, moment = self.state, self._moment
         if not self.has_begun:
             captured = edit.take(state.cloud(), np.arange(len(state)))
-            uv = state.uv.copy()
-            return Frame(time=self.time, cloud=captured, uv=uv, births=state.births.copy())
+            return Frame(time=self.time, cloud=captured, uv=state.uv, births=state.births)
         wanted, gradient = self._target_pose.at(state, moment, self.seconds, gradient=True)
         if self._matter is not None:
-            wanted, gradient = self._matter.carried(state, moment, wanted, gradient)
+            gradient = self._matter.carried(state, moment, wanted, gradient)
         frame = self._parts.evaluator.frame(
             state,
             self._target_pose.stretched(moment),
@@ -204,7 +203,7 @@ class Solver:
         self._influence = self._influence_of(moment)
         self._place(moment, self.seconds)
         self._lap("beginning")
-        self._contact(state.positions.copy(), moment, moment)
+        self._contact(state.positions, moment, moment)
 
     def _substep(self) -> None:
         state, line = self.state, self._timeline
@@ -227,7 +226,7 @@ class Solver:
         self._moment, self._last_on = after, state.step
         sim, step = after.parameters.sim, Step(self.seconds, self._dt, self._seed)
         now, dt = step.now, step.dt
-        started = state.positions.copy()
+        started = state.positions
         self._masks.update(state, after, now)
         self._lap("masks")
         wanted = self._target_pose.at(state, after, now)[0]
@@ -264,7 +263,7 @@ class Solver:
             self._contact(started, before, after)
         elif line.is_frame(state.step):  # splats must end outside; their carriers were pushed
             solid = self._matter.affectors(after)
-            self._contact(state.positions.copy(), solid, solid)
+            self._contact(state.positions, solid, solid)
 
     def _admit(self, moment: Moment, now: float) -> None:
         """Let splats join: those of another capture, and the filling of pieces that broke off."""
@@ -354,8 +353,8 @@ class Solver:
         """Move selected splats out of the affectors."""
         if not self._uses.collides:
             return
-        state = self.state
-        weight = state.weight * np.float32(after.parameters.sim.contact)
+        state, amount = self.state, np.float32(after.parameters.sim.contact)
+        weight = state.weight if amount == 1 else state.weight * amount
         if (mask := self._factor(after, "sim:contact")) is not None:
             weight = weight * mask
         counts = self._parts.contacts.step(

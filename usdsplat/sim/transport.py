@@ -8,7 +8,7 @@ the last frame, so that they can be interpolated.
 from __future__ import annotations
 
 import math
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -31,16 +31,17 @@ NOBODY = np.empty(0, np.float32)
 
 def transport(
     device: Device,
-    gradient: F32,
+    gradient: Any,
     rest_rotations: F32,
     rest_scales: F32,
-    rotations: F32,
-    scales: F32,
+    rotations: Any,
+    scales: Any,
     appearance: AppearanceParameters,
     *,
     factor: F32 | None = None,
-) -> F32 | None:
-    """Deform the ellipsoids of splats.
+) -> Any:
+    """Deform the ellipsoids of splats. `gradient`, `rotations` and `scales` are arrays of the host
+    or of the device.
 
     A row whose gradient is exactly the identity, or not finite, gets its rest values bit for bit,
     except for the sign of the quaternion. A gradient that mirrors or flattens counts as the nearest
@@ -62,12 +63,15 @@ def transport(
 
     Returns:
         Ratio of the deformed to the rest area of each splat's face (the ellipse of its two longer
-        axes at rest), shape (n,); None unless `appearance.keep_opacity`.
+        axes at rest), shape (n,), an array of the device; None unless `appearance.keep_opacity`.
 
     Source:
         Xie et al. 2024, "PhysGaussian"; Hestenes 1958 for the axes.
     """
-    areas = np.empty(len(gradient), np.float32) if appearance.keep_opacity else NOBODY
+    n = gradient.shape[0]
+    areas = device.resident(n, np.float32) if appearance.keep_opacity else NOBODY
+    for each in (rest_rotations, rest_scales):
+        device.keep(each)
     limits = np.array([appearance.max_stretch], np.float32)
     if factor is not None and math.isfinite(appearance.max_stretch):
         limits = limits * factor
@@ -78,8 +82,9 @@ def transport(
     return areas if appearance.keep_opacity else None
 
 
-def thin(device: Device, rest_opacities: F32, areas: F32, opacities: F32) -> None:
-    """Compute opacities that keep a stretched surface equally opaque: 1 - (1 - a)^(1 / area).
+def thin(device: Device, rest_opacities: F32, areas: Any, opacities: Any) -> None:
+    """Compute opacities that keep a stretched surface equally opaque: 1 - (1 - a)^(1 / area). The
+    last two are arrays of the host or of the device.
 
     Args:
         rest_opacities: [0..1], shape (n,).
@@ -90,20 +95,20 @@ def thin(device: Device, rest_opacities: F32, areas: F32, opacities: F32) -> Non
 
 
 def rotate_harmonics(
-    device: Device, gradient: F32, rest_sh: F32, sh: F32, turned: U8, *, min_angle: float = 1.0
+    device: Device, gradient: Any, rest_sh: F32, sh: F32, turned: U8, *, min_angle: float = 1.0
 ) -> tuple[F32, int]:
     """Rotate view-dependent colour with the splats, by the rotation R of F = R U.
 
     Args:
-        gradient: F of each splat, shape (n, 3, 3).
+        gradient: F of each splat, shape (n, 3, 3), an array of the host or of the device.
         rest_sh: Coefficients at rest, shape (n, k, 3) with k = 1, 4, 9, 16 or 25.
-        sh: Coefficients to replace. If it is `rest_sh` itself, a copy is made once a splat turns.
+        sh: Coefficients before, which may be `rest_sh` itself; not changed.
         turned: 1 for each row of `sh` that may differ from rest, updated in place, shape (n,).
-            Other rows are only read if they turn now.
         min_angle: Splats that turn by less [deg] get their values at rest.
 
     Returns:
-        The coefficients, and the number of splats that are turned.
+        The coefficients, `sh` itself if no splat is or was turned, and the number of splats that
+        are turned.
 
     Source:
         Rotation by values in fixed directions, as `core.sh_rotation`.
@@ -111,12 +116,12 @@ def rotate_harmonics(
     if rest_sh.shape[1] == 1:
         return sh, 0
     cosine = np.float32(math.cos(math.radians(min_angle) / 2))
-    turns = np.empty((len(gradient), 4), np.float32)
+    turns = device.resident((gradient.shape[0], 4), np.float32)
     device.run(harmonics.turns, gradient, cosine, turns)
-    count = int(np.count_nonzero(turns[:, 0] < 1))
+    count = int(device.run(harmonics.count_turned, turns))
     if count == 0 and not turned.any():
         return sh, 0
-    if sh is rest_sh:
-        sh = rest_sh.copy()
-    device.run(harmonics.rotate, turns, rest_sh, sh, turned)
-    return sh, count
+    device.keep(rest_sh)
+    out = device.copied(sh)
+    device.run(harmonics.rotate, turns, rest_sh, out, turned)
+    return device.publish(out), count

@@ -114,9 +114,9 @@ class CudaDevice:
 
         Small arrays with the same contents share their memory.
         """
-        found = self._kept.get(id(array))
-        if found is not None and found[0]() is array:
-            return found[1]
+        found = self._kept_copy(array)
+        if found is not None:
+            return found
         whole = np.require(array, requirements=["C", "A"])
         if whole.nbytes > CONSTANT or is_simulated():
             return self._remember(array, self._in(whole))
@@ -126,6 +126,18 @@ class CudaDevice:
     def move(self, array: npt.NDArray[Any]) -> Any:
         """Move `array` to the GPU. The caller must not use the host array afterwards."""
         return self._in(np.require(array, requirements=["C", "A"]))
+
+    def copied(self, array: Any) -> Any:
+        """Return a copy of an array on the GPU, which may change. Only the copy of a host array
+        that is not kept comes from the host."""
+        source = self._kept_copy(array) if isinstance(array, np.ndarray) else array
+        if source is None:
+            return self._in(array)
+        out = self.resident(source.shape, source.dtype)
+        with in_words():
+            if out.size:
+                out.copy_to_device(source, stream=self.stream)
+        return out
 
     def publish(self, array: Any) -> npt.NDArray[Any]:
         """Return a GPU array on the host, see `fetch`. A later `keep` of the result costs nothing.
@@ -203,6 +215,7 @@ class CudaDevice:
         for k in changed:
             if k < len(args):
                 moves.mark(args[k])
+                self._drop(args[k])
         moved = tuple(map(moves.arrive, args))
         result = form(self, *moved) if form else self._cpu.run(kernel, *moved)
         back = moves.changed()
@@ -245,8 +258,23 @@ class CudaDevice:
         kept[key] = weakref.ref(array, lambda _: kept.pop(key, None)), copy
         return copy
 
+    def _kept_copy(self, array: npt.NDArray[Any]) -> Any:
+        """Return the copy of an array that is kept, or None."""
+        found = self._kept.get(id(array))
+        return found[1] if found is not None and found[0]() is array else None
+
+    def _drop(self, value: Any) -> None:
+        """Drop the copies of host arrays that a kernel writes."""
+        if isinstance(value, tuple):
+            for each in value:
+                self._drop(each)
+        elif isinstance(value, np.ndarray) and value.flags.writeable:
+            self._kept.pop(id(value), None)
+
     def _arrive(self, array: npt.NDArray[Any], is_changed: bool) -> Any:
         """Return a copy of a host array for one launch, which may change it."""
+        if not is_changed and (kept := self._kept_copy(array)) is not None:
+            return kept
         whole = np.ascontiguousarray(array)
         if is_simulated() or whole.nbytes > SMALL:
             return self._in(whole)

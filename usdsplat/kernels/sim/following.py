@@ -58,6 +58,38 @@ def limit(i, least, most, maps):
             maps[i, row, column] = f[3 * row + column]
 
 
+@kernel(over="out", writes=("out",))
+def undeformed(i, out):
+    """Set gradients to the identity.
+
+    Args:
+        out: Receives gradients, shape (n, 3, 3).
+    """
+    for row in range(3):
+        for column in range(3):
+            out[i, row, column] = ONE if row == column else ZERO
+
+
+@kernel(over="positions", writes=("positions", "velocities"))
+def arrive(i, before, flags, free, seconds, positions, velocities):
+    """Compute the velocity of splats that have moved; those with the flag `free` have not.
+
+    Args:
+        before: Positions before [unit], shape (n, 3).
+        flags: See `State.flags`, shape (n,) u32.
+        free: Flag of splats that do not follow.
+        seconds: Duration of the motion [s], f32.
+        positions: Positions now [unit], shape (n, 3); replaced by those before for free splats.
+        velocities: [unit/s], shape (n, 3); changed except for free splats.
+    """
+    if flags[i] & free != 0:
+        for axis in range(3):
+            positions[i, axis] = before[i, axis]
+        return
+    for axis in range(3):
+        velocities[i, axis] = (positions[i, axis] - before[i, axis]) / seconds
+
+
 @kernel(over="positions", writes=("positions", "gradient"))
 def follow(i, near, weights, poses, displacements, maps, spacing, positions, gradient):
     """Move splat `i` with its carriers.

@@ -19,7 +19,7 @@ import numpy as np
 
 from usdsplat.core import sh as basis_of
 from usdsplat.kernels.jit import scalar
-from usdsplat.kernels.launch import BlockArray, block_kernel, kernel
+from usdsplat.kernels.launch import BlockArray, block_kernel, kernel, reduction
 
 from .matrix import ONE, ZERO, is_identity, matrix_quat, polar, quat_matrix
 
@@ -329,6 +329,16 @@ def turns(i, gradient, cosine, out):
         if not w < cosine:
             w, x, y, z = ONE, ZERO, ZERO, ZERO
     out[i, 0], out[i, 1], out[i, 2], out[i, 3] = w, x, y, z
+
+
+@reduction(over="rotations", by="sum")
+def count_turned(i, rotations):
+    """Return the number of splats that are rotated.
+
+    Args:
+        rotations: Results of `turns`, shape (n, 4).
+    """
+    return np.float64(1) if rotations[i, 0] < ONE else np.float64(0)
 
 
 @block_kernel(

@@ -112,6 +112,7 @@ class GatedDevice:
         self.upload, self.keep, self.fetch = device.upload, device.keep, device.fetch
         self.empty, self.resident, self.close = device.empty, device.resident, device.close
         self.move, self.publish = device.move, device.publish
+        self.copied = device.copied
 
     def run(self, kernel: Callable[..., Any], *args: Any) -> Any:
         """Run a kernel on the device when the gate is open."""

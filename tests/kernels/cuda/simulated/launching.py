@@ -18,6 +18,12 @@ from tests.kernels.test_launch import (  # noqa: F401  # pytest collects them he
 from usdsplat.kernels.cuda import transfers
 from usdsplat.kernels.cuda.device import CudaDevice
 from usdsplat.kernels.cuda.transfers import PinnedPool
+from usdsplat.kernels.launch import kernel
+
+
+@kernel(over="out", writes=("out",))
+def doubled(i, values, out):
+    out[i] = values[i] + values[i]
 
 
 @pytest.fixture
@@ -44,6 +50,32 @@ def test_what_is_published_need_not_go_back() -> None:
     here = device.publish(there)
     np.testing.assert_array_equal(here, values())
     assert device.keep(here) is there
+
+
+def test_kernels_read_what_is_kept_and_writing_drops_it() -> None:
+    """Oracle: the values that kernels read and write, and identity."""
+    device = CudaDevice()
+    here = values()
+    kept = device.keep(here)
+    kept.copy_to_device(here + 1)  # so that it can be told from the host's
+    out = np.empty_like(here)
+    device.run(doubled, here, out)
+    np.testing.assert_array_equal(out, 2 * (here + 1))
+    np.testing.assert_array_equal(device.fetch(device.copied(here)), here + 1)
+    device.run(doubled, out, here)  # changes `here`
+    again = device.keep(here)
+    assert again is not kept
+    np.testing.assert_array_equal(device.fetch(again), 2 * out)
+
+
+def test_a_copy_changes_alone() -> None:
+    """Oracle: the values."""
+    device = CudaDevice()
+    for source in (values(), device.move(values())):
+        copy = device.copied(source)
+        device.run(doubled, values(), copy)
+        np.testing.assert_array_equal(device.fetch(copy), 2 * values())
+        np.testing.assert_array_equal(device.fetch(source), values())
 
 
 def test_pinned_memory_is_lent_up_to_its_limit_and_used_again(
