@@ -1,36 +1,43 @@
 """Measure splat trees of growing worlds: the building, and pictures of a camera that moves slowly.
 
-    python -m benchmarks.lod_scale [--splats N] [--folder DIR] [--cores N] [--steps STEP,...]
+    python -m benchmarks.lod_scale [--splats N] [--degree N] [--only] [--folder DIR] [--cores N]
+                                   [--steps STEP,...] [--seconds N]
                                    [--devices cpu,cuda] [--views VIEW,...] [--lod-error PIXELS]
                                    [--splat-budget N] [--plot PICTURE.svg] [--json FILE]
 
 The worlds are procedural cities without instances, of 1 M, 10 M, ... up to N splats (100 M), and
 10 and 160 instances of the largest one. Each world is drawn at 1920x1080 in two views that are the
 same for all worlds. "block" looks down at one block of the middle tile, so that all worlds have
-nearly the same cut; "horizon" looks across the whole world.
+nearly the same cut; "horizon" looks across the whole world. Splats have degree 0, or that of
+`--degree`; `--only` leaves out the worlds below N.
 
 Files of DIR that exist are used: tiles and trees are made once, and a building that was interrupted
-continues. Steps are "tiles", "build" and "frames"; all by default. Measurements of buildings are
-kept beside the trees. `--cores` limits the processors of buildings and frames, but not of tiles.
-Each building and each row of frames has a process of its own, whose highest memory is shown; it
-includes mapped files. The first picture is drawn with kernels that are compiled, but not loaded.
-"CPU" is the processor time of a frame, "outside stages" its time before and between the stages of
-the renderer: to choose the cut, to read and to lay out its nodes. A GPU is waited for in a stage.
+continues. After `--seconds`, tiles and buildings are ended with status 3, and the same command
+continues them; the costs of all parts of a building are added up. Steps are "tiles", "build" and
+"frames"; all by default. Measurements of buildings are kept beside the trees. `--cores` limits the
+processors of buildings and frames, but not of tiles. Each building and each row of frames has a
+process of its own, whose highest memory is shown; it includes mapped files. The first picture is
+drawn with kernels that are compiled, but not loaded. "CPU" is the processor time of a frame,
+"outside stages" its time before and between the stages of the renderer: to choose the cut, to read
+and to lay out its nodes. A GPU is waited for in a stage.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import multiprocessing
 import os
 import resource
+import signal
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 from rich.table import Table
@@ -54,8 +61,11 @@ STRIDE = 0.02
 """Motion of the camera from picture to picture [m]."""
 VIEWS = ("block", "horizon")
 
-BUILD_CPU, BUILD_PEAK, BUILD_RATIO = 9.0, 4096.0, 1.6
-"""Bars of a building: CPU time [us/splat], memory [MiB], bytes relative to packed leaves."""
+BUILD_CPU, BUILD_PEAK, BUILD_RATIO = {0: 9.0, 3: 18.0}, 4096.0, 1.6
+"""Bars of a building: CPU time [us/splat] by degree, memory [MiB], bytes relative to packed
+leaves."""
+ENDED = 3
+"""Exit status if the time of `--seconds` is over."""
 SPREAD_MS, SPREAD_PEAK = 1.3, 1.5
 """Bars of the view "block" over all worlds: the largest over the smallest time and memory."""
 LARGEST_MS = {"cpu": 3000.0, "cuda": 8.0}
@@ -185,13 +195,80 @@ def short(splats: float) -> str:
     return f"{splats:g}"
 
 
+class Timer:
+    """Ends this process with the status ENDED after some time.
+
+    Args:
+        seconds: The time [s]; None for ever.
+    """
+
+    def __init__(self, seconds: float | None) -> None:
+        self._end = None if seconds is None else time.monotonic() + seconds
+
+    def left(self) -> float | None:
+        """Return the time that is left [s]."""
+        return None if self._end is None else max(0.0, self._end - time.monotonic())
+
+    def start(self) -> None:
+        """Begin to count for work in this process and its pools."""
+        if (left := self.left()) is not None:
+            signal.signal(signal.SIGALRM, lambda *_: end("tiles"))
+            signal.setitimer(signal.ITIMER_REAL, max(left, 1e-3))
+
+    def stop(self) -> None:
+        """Stop counting."""
+        signal.setitimer(signal.ITIMER_REAL, 0)
+
+
+def end(what: str) -> NoReturn:
+    """End this process and all that it began."""
+    print(f"lod_scale: {what}: time is over; the same command continues", flush=True)
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    for child in multiprocessing.active_children():
+        child.terminate()
+    os._exit(ENDED)
+
+
+def built_in_parts(target: Path, tiles: list[Path], timer: Timer) -> Row:
+    """Build a tree in a new process, and return its costs, with those of the parts before it that
+    ran out of time."""
+    record = target.with_suffix(".parts.json")
+    parts: list[Row] = json.loads(record.read_text("utf-8")) if record.exists() else []
+    command = [sys.executable, "-m", "benchmarks.lod_scale", "--one", "build", str(target)]
+    began = time.perf_counter()
+    with tempfile.TemporaryFile("w+") as said, tempfile.TemporaryFile("w+") as problems:
+        run = subprocess.Popen([*command, *map(str, tiles)], stdout=said, stderr=problems)
+        try:
+            status = run.wait(timer.left())
+        except subprocess.TimeoutExpired:
+            peak = resident("VmHWM", run.pid)
+            run.kill()
+            run.wait()
+            used = resource.getrusage(resource.RUSAGE_CHILDREN)
+            wall, cpu = time.perf_counter() - began, used.ru_utime + used.ru_stime
+            parts.append({"wall": wall, "cpu": cpu, "peak": peak})
+            record.write_text(json.dumps(parts), encoding="utf-8")
+            print(f"{target.name}: {wall:.0f} s, CPU {cpu:.0f} s, peak {peak:,.0f} MiB")
+            end(target.name)
+        for file in (said, problems):
+            file.seek(0)
+        if status:
+            sys.exit(f"lod_scale: building {target} failed:\n{problems.read()}")
+        found: Row = json.loads(said.read())
+    record.unlink(missing_ok=True)
+    for key in ("wall", "cpu"):
+        found[key] += sum(part[key] for part in parts)
+    found["peak"] = max(each["peak"] for each in (found, *parts))
+    return {**found, "continued": found["continued"] and not parts, "parts": 1 + len(parts)}
+
+
 def sizes_to(splats: int) -> list[int]:
     """Return 1 M, 10 M, ... below a number of splats, and the number."""
     powers = [10**power for power in range(6, 12)]
     return [*(size for size in powers if size < splats), splats]
 
 
-def built(report: Report, folder: Path, sizes: list[int]) -> list[Row]:
+def built(report: Report, folder: Path, sizes: list[int], degree: int, timer: Timer) -> None:
     """Build the trees that do not exist, and show what all of them took."""
     table = Table(title="trees")
     for column in (
@@ -201,10 +278,11 @@ def built(report: Report, folder: Path, sizes: list[int]) -> list[Row]:
         table.add_column(column, justify="right")
     rows = []
     for size in sizes:
-        target, record = tree_path(folder, size), tree_path(folder, size).with_suffix(".json")
+        target = tree_path(folder, size, degree)
+        record = target.with_suffix(".json")
         if not (target.exists() and record.exists()):
-            tiles = lod_world.write_tiles(folder / "tiles", size, processes=1)
-            found = alone("build", target, *tiles)
+            tiles = lod_world.write_tiles(folder / "tiles", size, processes=1, degree=degree)
+            found = built_in_parts(target, tiles, timer)
             record.write_text(json.dumps(found), encoding="utf-8")
         row = json.loads(record.read_text(encoding="utf-8"))
         rows.append(row)
@@ -218,25 +296,25 @@ def built(report: Report, folder: Path, sizes: list[int]) -> list[Row]:
         report.add(scene=f"tree {short(size)}", **row)
     report.show(table)
     last = rows[-1]
-    if not last["continued"]:
+    if not last["continued"] and degree in BUILD_CPU:
         measured = 1e6 * last["cpu"] / last["splats"]
-        said(report, "CPU µs/splat of the largest tree", measured, BUILD_CPU)
+        said(report, "CPU µs/splat of the largest tree", measured, BUILD_CPU[degree])
     said(report, "peak MiB of the largest tree", last["peak"], BUILD_PEAK)
     said(report, "bytes of the largest tree over packed leaves", last["ratio"], BUILD_RATIO)
-    return rows
 
 
-def tree_path(folder: Path, size: int) -> Path:
+def tree_path(folder: Path, size: int, degree: int) -> Path:
     """Return the path of the tree of a city of a number of splats."""
-    return folder / f"city_{short(size).replace(' ', '')}.usda"
+    kind = f"_sh{degree}" if degree else ""
+    return folder / f"city_{short(size).replace(' ', '')}{kind}.usda"
 
 
-def worlds(folder: Path, sizes: list[int]) -> list[World]:
+def worlds(folder: Path, sizes: list[int], degree: int) -> list[World]:
     """Return the stages to draw; those with instances are written."""
     found = [
-        World(name=short(size), path=tree_path(folder, size), splats=size)
+        World(name=short(size), path=path, splats=size)
         for size in sizes
-        if tree_path(folder, size).exists()
+        if (path := tree_path(folder, size, degree)).exists()
     ]
     if not found or found[-1].splats != sizes[-1]:
         sys.exit(f"lod_scale: found no tree of {short(sizes[-1])} in {folder}, expected one: build")
@@ -344,9 +422,12 @@ def main(report: Report) -> None:
     """Run the steps."""
     parser = argparse.ArgumentParser(prog="lod_scale", description=__doc__.partition("\n")[0])
     parser.add_argument("--splats", type=float, default=100e6)
+    parser.add_argument("--degree", type=int, default=0)
+    parser.add_argument("--only", action="store_true")
     parser.add_argument("--folder", type=Path, default=Path("lod_scale"))
     parser.add_argument("--cores", type=int)
     parser.add_argument("--steps", default=",".join(STEPS))
+    parser.add_argument("--seconds", type=float)
     parser.add_argument("--devices")
     parser.add_argument("--views", default=",".join(VIEWS))
     parser.add_argument("--lod-error", type=float, default=1.0)
@@ -356,18 +437,22 @@ def main(report: Report) -> None:
     steps, sizes = options.steps.split(","), sizes_to(int(options.splats))
     if unknown := set(steps) - set(STEPS):
         parser.error(f"--steps: found {', '.join(unknown)}, expected some of {', '.join(STEPS)}")
-    processors = sorted(os.sched_getaffinity(0))
+    if options.only:
+        sizes = sizes[-1:]
+    processors, timer = sorted(os.sched_getaffinity(0)), Timer(options.seconds)
     if "tiles" in steps:
         began = time.perf_counter()
-        tiles = options.folder / "tiles"
+        tiles, degree = options.folder / "tiles", options.degree
+        timer.start()
         for size in sizes:
-            lod_world.write_tiles(tiles, size, processes=len(processors))
+            lod_world.write_tiles(tiles, size, processes=len(processors), degree=degree)
+        timer.stop()
         report.say(f"tiles: {time.perf_counter() - began:.0f} s")
     os.sched_setaffinity(0, processors[: options.cores])
     if "build" in steps:
-        built(report, options.folder, sizes)
+        built(report, options.folder, sizes, options.degree, timer)
     if "frames" in steps:
-        rows = drawn(report, worlds(options.folder, sizes), options)
+        rows = drawn(report, worlds(options.folder, sizes, options.degree), options)
         if options.plot:
             plot(rows, options.plot)
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -20,7 +20,7 @@ from pxr import Gf, Usd, UsdGeom, Vt
 from usdsplat import schema
 from usdsplat.core import edit, quaternion
 from usdsplat.core.cloud import F64, SplatCloud
-from usdsplat.core.sh import rgb_to_dc
+from usdsplat.core.sh import basis, rgb_to_dc
 
 TILE = 1_000_000
 """Largest number of splats of a tile."""
@@ -33,6 +33,8 @@ _BLOCKS, _STREET = 4, 8.0  # buildings along an edge, width of a street [m]
 _TREES, _LEAVES = 60, 0.08  # trees of a tile, part of its splats that are leaves
 _EVEN = np.array([0.7548776662466927, 0.5698402909980532])  # Roberts' sequence R2: no holes
 _FLOOR, _WINDOW = 3.2, 2.4  # height of a floor, distance of windows [m]
+_SUN = np.array([0.48, 0.64, 0.60])  # direction to the sun of the highlights
+_GLOSS, _GRAIN = 0.12, 0.02  # largest amplitude of highlights, and of noise, of coefficients
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,12 +69,13 @@ def spiral(count: int) -> list[tuple[int, int]]:
     return found[:count]
 
 
-def city_tile(number: int, splats: int) -> SplatCloud:
-    """Return a tile of the city: y up, metres, degree 0.
+def city_tile(number: int, splats: int, degree: int = 0) -> SplatCloud:
+    """Return a tile of the city: y up, metres.
 
     Args:
         number: Number along the spiral; it is also the seed.
         splats: Number of splats.
+        degree: Degree of the harmonics; above 0 they are a highlight of the sun and noise.
     """
     rng = np.random.default_rng(number)
     walls = _walls(rng)
@@ -83,7 +86,22 @@ def city_tile(number: int, splats: int) -> SplatCloud:
     cloud = edit.merge([_covered(walls, counts, spacing, rng), _trees(leaves, rng)])
     column, row = spiral(number + 1)[number]
     cloud.positions[:] += np.float32([column * EDGE, 0, row * EDGE])
-    return cloud
+    return _glossy(cloud, degree, rng) if degree else cloud
+
+
+def _glossy(cloud: SplatCloud, degree: int, rng: np.random.Generator) -> SplatCloud:
+    """Return splats of degree 0 with harmonics that depend on the direction of view."""
+    normals = quaternion.to_matrix(cloud.rotations)[:, :, 2]
+    sun = _SUN.astype(np.float32)
+    mirrored = 2 * (normals @ sun)[:, None] * normals - sun
+    # harmonics are functions of the direction from the eye: the highlight is seen along −mirrored
+    lobe = basis(-mirrored, degree)
+    gloss = _GLOSS * rng.random((len(cloud), 1), np.float32)
+    sh = rng.standard_normal((len(cloud), lobe.shape[1], 3), np.float32)
+    sh *= np.float32(_GRAIN)
+    sh += (gloss * lobe)[:, :, None]
+    sh[:, :1] = cloud.sh
+    return replace(cloud, sh=sh)
 
 
 def _walls(rng: np.random.Generator) -> _Walls:
@@ -181,7 +199,7 @@ def _splats(positions: F64, scales: F64, rotations: F64, opacities: F64, color: 
 # --- files --------------------------------------------------------------------------------
 
 
-def write_tiles(folder: Path, splats: int, *, processes: int) -> list[Path]:
+def write_tiles(folder: Path, splats: int, *, processes: int, degree: int = 0) -> list[Path]:
     """Write a city as packed stages, one for each tile, and return their paths.
 
     Tiles that exist are kept.
@@ -190,12 +208,14 @@ def write_tiles(folder: Path, splats: int, *, processes: int) -> list[Path]:
         folder: Folder of the tiles.
         splats: Number of splats.
         processes: Number of processes.
+        degree: Degree of the harmonics.
     """
     folder.mkdir(parents=True, exist_ok=True)
     sizes = [min(TILE, splats - first) for first in range(0, splats, TILE)]
-    paths = [folder / f"tile_{number:04d}_{size}.usdc" for number, size in enumerate(sizes)]
+    kind = f"_sh{degree}" if degree else ""
+    paths = [folder / f"tile_{number:04d}_{size}{kind}.usdc" for number, size in enumerate(sizes)]
     missing = [number for number, path in enumerate(paths) if not path.exists()]
-    write = partial(_write_tile, paths, sizes)
+    write = partial(_write_tile, paths, sizes, degree)
     if min(processes, len(missing)) > 1:
         with ProcessPoolExecutor(processes) as pool:
             list(pool.map(write, missing))
@@ -205,14 +225,14 @@ def write_tiles(folder: Path, splats: int, *, processes: int) -> list[Path]:
     return paths
 
 
-def _write_tile(paths: Sequence[Path], sizes: Sequence[int], number: int) -> None:
+def _write_tile(paths: Sequence[Path], sizes: Sequence[int], degree: int, number: int) -> None:
     """Write one tile; a file that exists is complete."""
     path = paths[number]
     part = path.with_name(f"part_{path.name}")
     stage = Usd.Stage.CreateNew(str(part))
     UsdGeom.SetStageUpAxis(stage, "Y")
     UsdGeom.SetStageMetersPerUnit(stage, 1.0)
-    cloud = city_tile(number, sizes[number])
+    cloud = city_tile(number, sizes[number], degree)
     stage.SetDefaultPrim(schema.author(stage, "/tile", cloud, form="packed"))
     stage.GetRootLayer().Save()
     part.rename(path)

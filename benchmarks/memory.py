@@ -25,9 +25,9 @@ AOVS = ("color", "depth", "primId", "elementId")
 SCENES = ("garden 1", "garden 7", *CAPTURES)
 
 
-def resident(kind: str) -> float:
-    """Return VmRSS or VmHWM of this process [MiB], as reported by Linux."""
-    for line in Path("/proc/self/status").read_text().splitlines():
+def resident(kind: str, process: int | str = "self") -> float:
+    """Return VmRSS or VmHWM of a process [MiB], as reported by Linux."""
+    for line in Path(f"/proc/{process}/status").read_text().splitlines():
         if line.startswith(kind):
             return int(line.split()[1]) / 1024
     raise LookupError(kind)

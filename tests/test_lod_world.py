@@ -8,6 +8,7 @@ from pxr import UsdGeom
 
 from benchmarks import lod_world
 from usdsplat.core.quaternion import to_matrix
+from usdsplat.core.sh import evaluate
 from usdsplat.interchange import files
 
 
@@ -40,6 +41,20 @@ def test_walls_are_flat():
     normals = to_matrix(tile.rotations[ground].astype(np.float64))[:, :, 2]
     assert np.abs(normals[:, 1]).min() == pytest.approx(1, abs=1e-5)
     assert (tile.scales[ground, 2] < tile.scales[ground, :2].mean(axis=1)).mean() > 0.99
+
+
+def test_degrees_have_the_same_city():
+    """A tile of degree 3 has the splats of that of degree 0, whose highlights are brightest from
+    where the ground mirrors the sun. Oracle: the law of reflection."""
+    plain, glossy = (lod_world.city_tile(0, 4000, degree) for degree in (0, 3))
+    np.testing.assert_array_equal(glossy.positions, plain.positions)
+    np.testing.assert_array_equal(glossy.sh[:, :1], plain.sh)
+    ground = glossy.sh[glossy.positions[:, 1] == 0]
+    towards = np.random.default_rng(0).normal(size=(500, 3))
+    towards /= np.linalg.norm(towards, axis=1)[:, None]
+    mean = evaluate(np.broadcast_to(ground.mean(axis=0), (500, 16, 3)), towards)[:, 0]
+    x, y, z = lod_world._SUN
+    assert towards[mean.argmax()] @ [x, -y, z] > 0.95
 
 
 def test_tiles_are_made_once(tmp_path):
