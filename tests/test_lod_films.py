@@ -16,6 +16,7 @@ from usdsplat import formats
 from usdsplat.delegate.engine import Engine
 from usdsplat.interchange.files import open_stage
 from usdsplat.interchange.lod import LodOptions, build_tree
+from usdsplat.render.lod.cut import FADE
 
 SIZE = (64, 48)
 
@@ -53,6 +54,16 @@ def test_a_view_with_the_cut_of_another(scene):
     fine, coarse = (film.draw(shots[0], cut)[0] for cut in (near, far))
     np.testing.assert_array_equal(fine, leaves)
     assert np.abs(coarse - leaves).max() > 10 / 255
+
+
+def test_the_end_of_a_fade_is_the_beginning_of_a_coarser_one(scene):
+    """Oracle: the range of a fade ends at FADE times its error, so both pictures have one cut."""
+    engine, shots = scene
+    film, view = Film(engine), shots[20]
+    coarse, fine = (film.draw(view, error=1.0, fade=end)[0] for end in (1.0, 0.0))
+    expected, _ = film.draw(view, error=FADE, fade=0.0)
+    np.testing.assert_allclose(coarse, expected, atol=1e-6)
+    assert np.abs(coarse - fine).max() > 5 / 255
 
 
 def test_samples_fade_levels(scene):

@@ -10,7 +10,7 @@ import pytest
 
 from tests.kernels.test_project import project_rows
 from usdsplat.kernels import project
-from usdsplat.kernels.fading import MOST, WHOLE, dilogarithm, faded
+from usdsplat.kernels.fading import MOST, WHOLE, depth_of, faded, tallied
 
 
 @pytest.mark.parametrize(
@@ -22,9 +22,11 @@ from usdsplat.kernels.fading import MOST, WHOLE, dilogarithm, faded
         (0.999, float(np.sum(0.999 ** np.arange(1, 40000.0) / np.arange(1, 40000.0) ** 2))),
     ],
 )
-def test_the_dilogarithm_has_its_known_values(x, expected):
+def test_the_sum_of_depths_has_its_known_values(x, expected):
     """Oracle: Li2 at 1/2 and at the golden ratio (Zagier 2007), and the defining series."""
-    assert dilogarithm(-math.log1p(-x)) == pytest.approx(expected, abs=1e-9)
+    depth = -math.log1p(-x)
+    assert -math.expm1(-tallied(depth)) * math.pi**2 / 6 == pytest.approx(expected, abs=5e-8)
+    assert depth_of(tallied(depth)) == pytest.approx(depth, abs=3e-7)
 
 
 @pytest.mark.parametrize("opacity", [1e-4, 0.05, 0.5, 0.9, 0.99, 0.999, 1.0])

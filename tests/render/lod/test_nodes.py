@@ -20,7 +20,10 @@ from tests.render.rendering import (
 )
 from usdsplat.core.errors import StageError
 from usdsplat.kernels.devices import open_device
+from usdsplat.render.lod.cut import FADE, RAMP
+from usdsplat.render.lod.nodes import nodes_of
 from usdsplat.render.renderer import AOVS, Renderer
+from usdsplat.render.sampling import Sample
 from usdsplat.render.scene import RenderScene
 from usdsplat.render.specs import CropSpec, FieldSpec, InstanceSpec
 
@@ -140,24 +143,48 @@ def test_a_coarse_cut_draws_the_proxies_antialiased_with_samples():
 @pytest.mark.parametrize("samples", [1, 2])
 def test_a_node_fades_into_its_children(samples):
     """Oracle: pictures of the root and of its children. Between, the picture is nearly their mean
-    with the weights that the distance says, and steps are as small as those of the distance."""
+    with the weights that the distance says: each sample begins slowly, after the one before."""
     tree = made(6, leaf=250, error=0.05)
     assert len(tree.table) == 3
     view = view_of(lens("orthographic"))
     size = 22.0 * float(tree.table.errors[0])  # of the error on the screen [pixel]
     settings = {"aovs": ("color",), "lod_samples": samples}
     coarse = picture(tree_scene(tree), view, lod_error=size * 1.001, **settings)["color"]
-    fine = picture(tree_scene(tree), view, lod_error=size / 1.26, **settings)["color"]
+    fine = picture(tree_scene(tree), view, lod_error=size / (1.01 * FADE), **settings)["color"]
     before, largest = coarse, np.abs(fine - coarse).max()
     for part in (np.arange(21) / 20).tolist():
-        error = size / (1 + 0.25 * part)
+        error = size / FADE**part
         found = picture(tree_scene(tree), view, lod_error=error, **settings)["color"]
-        mixed = (1 - part) * coarse + part * fine
-        assert np.abs(found - mixed).mean() < (0.25 / samples) * np.abs(fine - coarse).mean()
-        assert np.abs(found - before).max() < 0.13 * largest
+        whole, begun = divmod(part * samples**2, 1)
+        weight = (whole + np.expm1(RAMP * begun) / np.expm1(RAMP)) / samples**2
+        mixed = (1 - weight) * coarse + weight * fine
+        assert np.abs(found - mixed).mean() < (0.2 / samples) * np.abs(fine - coarse).mean()
+        assert np.abs(found - before).max() < 0.16 * largest
         before = found
     assert np.array_equal(before, fine)
     assert largest > 0.05
+
+
+@pytest.mark.parametrize("fade", [(0.0, 1.0), (0.25, 0.5), (0.0, 0.0), (1.0, 1.0)])
+def test_weights_of_a_leaf_and_of_the_nodes_above_add_up_to_one(fade):
+    """Oracle: the definition of a cut, also where three levels or more are faded at once: here
+    their errors are 22 pixels times 0.02, 0.026 and 0.034."""
+    tree, view = made(6, leaf=10, error=0.02), view_of(lens("orthographic"))
+    scene, parents = tree_scene(tree), tree.table.parents()
+    settings = settings_of(lod_error=22 * 0.0197)
+    nodes = nodes_of(scene, lambda _: (scene, view), settings, (Sample(),))
+    layout = nodes.layout(scene, fade)
+    weights = dict.fromkeys(range(len(parents)), 0.0)
+    drawn = [int(name.split(":")[1]) for name, _, _ in nodes.drawn(scene)]
+    weights |= dict(zip(drawn, layout.weights.tolist(), strict=True))
+    most = 0
+    for leaf in set(drawn) & set(np.flatnonzero(tree.table.child_count == 0).tolist()):
+        path = [leaf]
+        while parents[path[-1]] >= 0:
+            path.append(int(parents[path[-1]]))
+        assert sum(weights[node] for node in path) == pytest.approx(1, abs=1e-4)
+        most = max(most, sum(weights[node] > 0 for node in path))
+    assert most >= 3 if fade == (0.0, 1.0) else most >= 1
 
 
 def test_ids_of_all_nodes_are_one_prim_and_distinct_elements():

@@ -9,7 +9,9 @@ Errors only become smaller from a node to its children, so a cut is given by one
 with larger errors are refined. A node whose error is between the limit and FADE times the limit is
 faded into its children while a camera approaches. Each sample of a picture has a part of this
 range, in which it draws both with weights, see `kernels.fading`; below it, it draws the node only,
-and above it the children only. So at most one sample mixes a node with its children.
+and above it the children only. So at most one sample mixes a node with its children. Weights grow
+with the error, so those of a node and of all below it that are drawn add up to one, also where
+three levels are faded at once.
 """
 
 from __future__ import annotations
@@ -21,14 +23,18 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from usdsplat.core.cloud import F64, I64
-from usdsplat.core.node_table import NESTED, NodeTable
+from usdsplat.core.node_table import NodeTable
 from usdsplat.render.lod.measure import Bools, NodeMeasure
 from usdsplat.render.lod.placing import Placing
 from usdsplat.render.screen import Screen
 
-FADE = NESTED
-"""Ratio of the errors at which a node begins and ends to be drawn. It is at most the least ratio of
-the errors of a node and a child, so that three levels are never faded at once."""
+FADE = 1.75
+"""Ratio of the errors at which a node begins and ends to be drawn. The wider, the less a picture
+changes at once; but nodes are then drawn with larger errors, and beside their children for longer.
+Measured on a camera that goes back, see docs/performance.md."""
+RAMP = 2.0
+"""Logarithm of the ratio of the speeds at which children are faded in at the end and at the
+beginning. Many layers of fine splats lie over each other, and cover a pixel at small weights."""
 STEP = 32
 """Least number of nodes that are refined at once: fewer take as long."""
 
@@ -101,7 +107,7 @@ class Cut:
     def error_at(self, fade: float) -> float:
         """Return the error [pixel] of a node at a point of its fade: 0 where it is drawn itself, 1
         where only its children are drawn."""
-        return self.limit * (1 + fade * (FADE - 1))
+        return float(self.limit * FADE**fade)
 
     def refined(self, errors: F64, fade: tuple[float, float]) -> F64:
         """Return the weights in [0, 1] with which a sample draws the children of nodes.
@@ -113,7 +119,9 @@ class Cut:
         begin, end = map(self.error_at, fade)
         if end <= begin:
             return (errors > begin).astype(np.float64)
-        return np.clip((errors - begin) / (end - begin), 0, 1)
+        within = np.clip(errors, begin, end)
+        part = np.log(within / begin) / math.log(end / begin)
+        return np.asarray(np.expm1(RAMP * part) / math.expm1(RAMP), np.float64)
 
     def shows_inner(self, tables: Sequence[NodeTable], most: float) -> bool:
         """Return whether proxies of an inner node are shown by a cut that refines nodes above the

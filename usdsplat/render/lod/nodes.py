@@ -96,7 +96,7 @@ class PictureNodes:
             layout = replace(layout, total=scene.draw_list().total)
             last = scene.laid = Laid(found, others, budget, layout)
         reached, replaced = (self._cut.refined(each, fade) for each in (found.above, found.errors))
-        return last.layout.fading(reached * (1 - replaced))
+        return last.layout.fading(np.maximum(reached - replaced, 0))
 
     def drawn(self, scene: RenderScene) -> list[Drawn]:
         """Return each appearance of splats, in the order of the layout."""
