@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from usdsplat.core.cancel import CancelToken
-from usdsplat.kernels import bins, blend, lighting, median, project, radiance, sort, walk
+from usdsplat.kernels import bins, blend, light_lanes, median, project, radiance, sort, walk
 from usdsplat.kernels.bins import TILE
 from usdsplat.kernels.device import CpuDevice
 
@@ -175,8 +175,8 @@ def median_parts(args: tuple[Any, ...], threads: int) -> Iterator[tuple[Any, ...
         )  # fmt: skip
 
 
-def illuminate_parts(args: tuple[Any, ...], threads: int) -> Iterator[tuple[Any, ...]]:
-    """Return arguments of `lighting.illuminate` for some receivers at a time."""
+def shine_parts(args: tuple[Any, ...], threads: int) -> Iterator[tuple[Any, ...]]:
+    """Return arguments of `light_lanes.shine` for some receivers at a time."""
     light, points, normals, shapes, prims, *others, sums = args
     for k in range(0, len(points), RECEIVERS * threads):
         part = slice(k, k + RECEIVERS * threads)
@@ -220,6 +220,6 @@ PARTS: dict[Callable[..., Any], Callable[[tuple[Any, ...], int], Iterator[tuple[
     blend.blend: blend_parts,
     median.median: median_parts,
     walk.walk: walk_parts,
-    lighting.illuminate: illuminate_parts,
+    light_lanes.shine: shine_parts,
 }
 """Kernel that may take long -> the function that divides its arguments."""

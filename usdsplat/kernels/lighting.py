@@ -23,16 +23,13 @@ import numpy as np
 from .batch import SHRINK
 from .bins import TILE
 from .blend import exponential
+from .casters import HIT, LABEL, NEAREST
 from .jit import scalar
 from .launch import kernel
 from .position import apply, unproject
-from .project import HALF_HEIGHT, HALF_WIDTH, LOG_CUTOFF, LOG_OPACITY, RECORD, A, B, C, U, V
-from .ray_hit import CENTER, GX, GY, HX, HY, HZ, REACH, ray_hit_at, row_at
+from .project import LOG_CUTOFF, LOG_OPACITY, A, B, C, U, V
+from .ray_hit import CENTER, GX, GY, HX, HY, HZ, REACH, SPREAD, ray_hit_at, row_at
 
-SPREAD = 7
-"""Column of a ray hit that receives the standard deviation along the view [scene unit]."""
-HALF_BOX = 0.5
-"""Squared half diagonal of a pixel, by which splats are enlarged for their tile lists [pixel²]."""
 SUMS = 6
 """Floats of the sums of a receiver: irradiance times visibility, then irradiance; r g b each."""
 MEAN_COSINE = np.float32(0.25)
@@ -155,6 +152,22 @@ def fading(light, gap):
 
 
 @scalar
+def spread_along(m, shape):
+    """Return the standard deviation of a receiver along the view.
+
+    Args:
+        m: World to the camera space of the light, shape (3, 4) f64.
+        shape: Covariance in the world, xx xy xz yy yz zz.
+    """
+    a, b, c = m[2, 0], m[2, 1], m[2, 2]
+    square = (
+        a * a * shape[0] + b * b * shape[3] + c * c * shape[5]
+        + 2.0 * (a * b * shape[1] + a * c * shape[2] + b * c * shape[4])
+    )  # fmt: skip
+    return np.float32(math.sqrt(max(square, 0.0)))
+
+
+@scalar
 def through_splats(light, u, v, z, sigma, own, is_parallel, splats, tiles):
     """Return the transmittance of the splats in front of a receiver.
 
@@ -164,8 +177,8 @@ def through_splats(light, u, v, z, sigma, own, is_parallel, splats, tiles):
         own: Appearance that casts no shadow; −1 for none.
         splats, tiles: See `illuminate`.
     """
-    records, hits, labels, casts = splats
-    starts, lists, limits, grid = tiles
+    casters, casts = splats
+    starts, lists, grid = tiles
     g, one, zero = grid[0], np.float32(1), np.float32(0)
     seen = one
     column = math.floor(u + 0.5) - g.left
@@ -177,25 +190,26 @@ def through_splats(light, u, v, z, sigma, own, is_parallel, splats, tiles):
     front = depth - sigma
     x, y = np.float32(u), np.float32(v)
     for i in range(starts[tile], starts[tile + 1]):
-        j = np.uint64(i)  # unsigned indices need no test for negative ones
-        if not (limits[j] < front):
+        k = np.uint64(lists[np.uint64(i)])  # unsigned indices need no test for negative ones
+        if not (casters[k, NEAREST] < front):
             break
-        k = np.uint64(lists[j])
-        dx, dy = x - records[k, U], y - records[k, V]
-        power = records[k, LOG_OPACITY] + (
-            records[k, A] * dx * dx + records[k, B] * dx * dy + records[k, C] * dy * dy
+        dx, dy = x - casters[k, U], y - casters[k, V]
+        power = casters[k, LOG_OPACITY] + (
+            casters[k, A] * dx * dx + casters[k, B] * dx * dy + casters[k, C] * dy * dy
         )
         if not (power >= LOG_CUTOFF):
             continue
-        label = np.uint64(labels[k])
-        if np.int64(label) == own or casts[label] == 0:
+        label = np.int64(casters[k, LABEL])
+        if label == own or casts[label] == 0:
             continue
-        first, second, third = row_at(hits[k, HX], hits[k, HY], hits[k, HZ], dy)
+        first, second, third = row_at(
+            casters[k, HIT + HX], casters[k, HIT + HY], casters[k, HIT + HZ], dy
+        )
         hit = ray_hit_at(
-            dx, hits[k, GX], hits[k, GY], first, second, third, hits[k, CENTER], hits[k, REACH],
-            is_parallel,
+            dx, casters[k, HIT + GX], casters[k, HIT + GY], first, second, third,
+            casters[k, HIT + CENTER], casters[k, HIT + REACH], is_parallel,
         )  # fmt: skip
-        gap, both = depth - hit, sigma + hits[k, SPREAD]
+        gap, both = depth - hit, sigma + casters[k, HIT + SPREAD]
         if gap <= both:
             continue
         ramp = one
@@ -269,61 +283,10 @@ def past_surfaces(light, view, u, v, x, y, z, normal, sigma, depths):
 # --- 2. CPU ----------------------------------------------------------------------------
 
 
-@kernel(over="records", writes=("hits", "out"))
-def enlarge(k, records, hits, out):
-    """Write the record of splat `k` for its tile lists: enlarged by half a pixel, as receivers lie
-    between pixels. Write its standard deviation along the view, too.
-
-    Args:
-        records: Splats in order of depth, shape (n, RECORD) f32.
-        hits: Their ray hits, shape (n, RAY_HIT) f32; column SPREAD is written.
-        out: Receives the enlarged records, of which only the footprint is used, same shape.
-    """
-    for c in range(RECORD):
-        out[k, c] = records[k, c]
-    reach = np.float64(2) * (records[k, LOG_OPACITY] - LOG_CUTOFF)
-    hits[k, SPREAD] = (
-        np.float32(hits[k, REACH] / math.sqrt(reach)) if reach > 0.0 else np.float32(0)
-    )
-    width, height = np.float64(records[k, HALF_WIDTH]), np.float64(records[k, HALF_HEIGHT])
-    uu, vv = width * width, height * height
-    uv = -np.float64(records[k, B]) / (2.0 * np.float64(records[k, A])) * vv
-    # the ellipse of (1 + 1/t) P + (1 + t) Q holds the sum of the ellipses of P and Q for any t
-    total = uu + vv
-    if not (0.0 < total < np.inf):
-        return
-    t = math.sqrt(total / (2.0 * HALF_BOX))
-    grown = 1.0 + 1.0 / t
-    more = (1.0 + t) * HALF_BOX
-    uu, vv, uv = grown * uu + more, grown * vv + more, grown * uv
-    scale = -0.5 * reach / (uu * vv - uv * uv)
-    out[k, A], out[k, B], out[k, C] = vv * scale, -2.0 * uv * scale, uu * scale
-    out[k, HALF_WIDTH], out[k, HALF_HEIGHT] = math.sqrt(uu), math.sqrt(vv)
-
-
-@kernel(over="ends", writes=("limits",), grain=1)
-def nearest_ahead(tile, ends, starts, lists, hits, limits):
-    """Write, for each splat of a tile's list, a depth in front of which neither it nor a later one
-    casts a shadow.
-
-    Args:
-        ends: `starts` without its first number.
-        starts, lists: See `bins.tile_lists`.
-        hits: See `enlarge`.
-        limits: Shape (pairs,) f32.
-    """
-    nearest = np.float32(np.inf)
-    for back in range(ends[tile] - starts[tile]):
-        j = ends[tile] - 1 - back
-        k = lists[j]
-        nearest = min(nearest, hits[k, CENTER] - hits[k, REACH] + hits[k, SPREAD])
-        limits[j] = nearest
-
-
 @kernel(over="points", writes=("sums",))
 def illuminate(
     i, light, points, normals, shapes, prims, lit, own, world_to_screen, views, splats, tiles,
-    depths, sums,
+    depths, through, sums,
 ):  # fmt: skip
     """Add the light of one sample to a receiver.
 
@@ -335,10 +298,12 @@ def illuminate(
         own: Appearance of the receivers, which does not shadow them; −1 if all do.
         world_to_screen: To the camera space of the light, shape (3, 4) f64.
         views: VIEW records of the picture of splats and of that of surfaces, shape (2,).
-        splats: (records (n, RECORD) f32, hits (n, RAY_HIT) f32, labels: appearance of each splat
-            (n,) i32, casts: whether each appearance casts shadows (appearances,) u8).
-        tiles: (starts, lists, limits, grid), see `bins.tile_lists` and `nearest_ahead`.
+        splats: (casters: see there, shape (n, CASTER) f32; casts: whether each appearance casts
+            shadows, shape (appearances,) u8).
+        tiles: (starts, lists, grid), see `bins.tile_lists`.
         depths: Depths of surfaces, see `past_surfaces`; empty for none.
+        through: Transmittance of the splats to each receiver, shape (n,) f32; empty if it is not
+            known, see `light_lanes`.
         sums: Changed in place, shape (n, SUMS) f32.
     """
     prim = 0
@@ -360,19 +325,16 @@ def illuminate(
         sigma = np.float32(0)
         nx, ny, nz = 0.0, 0.0, 0.0
         if shapes.shape[0] > 0:
-            a, b, c = m[2, 0], m[2, 1], m[2, 2]
-            square = (
-                a * a * shapes[i, 0] + b * b * shapes[i, 3] + c * c * shapes[i, 5]
-                + 2.0 * (a * b * shapes[i, 1] + a * c * shapes[i, 2] + b * c * shapes[i, 4])
-            )  # fmt: skip
-            sigma = np.float32(math.sqrt(max(square, 0.0)))
+            sigma = spread_along(m, shapes[i])
         else:
             wx, wy, wz = normals[i, 0], normals[i, 1], normals[i, 2]
             nx = m[0, 0] * wx + m[0, 1] * wy + m[0, 2] * wz
             ny = m[1, 0] * wx + m[1, 1] * wy + m[1, 2] * wz
             nz = m[2, 0] * wx + m[2, 1] * wy + m[2, 2] * wz
         depth = 1.0 if views[0].is_parallel else z
-        if splats[0].shape[0] > 0:
+        if through.shape[0] > 0:
+            seen = through[i]
+        elif splats[0].shape[0] > 0:
             view = views[0]
             u, v = view.fx * (x / depth) + view.cx, view.fy * (y / depth) + view.cy
             seen = through_splats(one, u, v, z, sigma, own, view.is_parallel, splats, tiles)

@@ -26,13 +26,16 @@ import numpy as np
 from usdsplat.core.cloud import F64
 
 from .jit import exact, scalar
+from .lanes import fetch
 from .launch import kernel
 from .project import LOG_CUTOFF, LOG_OPACITY, ORTHOGRAPHIC
 
 RAY_HIT = 8
 """Floats of a ray hit: the five numbers, depth of the centre, maximum distance of a ray hit from
-it, and one unused."""
-GX, GY, HX, HY, HZ, CENTER, REACH = range(7)
+it, and standard deviation along the view."""
+GX, GY, HX, HY, HZ, CENTER, REACH, SPREAD = range(RAY_HIT)
+AHEAD = 16
+"""Splats between prefetching one and reading it: rows of a field are not in the order of slots."""
 
 ROUNDING = np.float32(4e-6)
 """Rounding error of the least depth of a ray hit, relative to the terms it is computed from."""
@@ -101,9 +104,11 @@ def ray_hit_one(cam, m, inverse, position, q, s, log_opacity, ray_hit):
             ey, gy, hy = e, g, h
         else:
             ez, gz, hz = e, g, h
-    reach = math.sqrt(max(2.0 * (log_opacity - LOG_CUTOFF), 0.0) * variance)
+    spread = math.sqrt(variance)
+    reach = math.sqrt(max(2.0 * (log_opacity - LOG_CUTOFF), 0.0)) * spread
     length = math.sqrt(ex * ex + ey * ey + ez * ez)
     ray_hit[CENTER], ray_hit[REACH] = np.float32(z), np.float32(reach)
+    ray_hit[SPREAD] = np.float32(spread)
     if not (0.0 < length < np.inf and reach < np.inf):
         ray_hit[GX], ray_hit[GY] = np.float32(0), np.float32(0)
         ray_hit[HX], ray_hit[HY], ray_hit[HZ] = np.float32(0), np.float32(0), np.float32(0)
@@ -197,6 +202,11 @@ def ray_hits(
     m, inverse = matrices[item // blocks], inverses[item // blocks]
     slot = base + item * block
     for at in range(slot + lane, slot + found[item], lanes):
+        if at + AHEAD < slot + found[item]:
+            later = np.uint64(sources[at + AHEAD])
+            fetch(positions, later * np.uint64(3))
+            fetch(rotations, later * np.uint64(4))
+            fetch(scales, later * np.uint64(3))
         i = sources[at]
         ray_hit_one(
             camera[0], m, inverse, positions[i], rotations[i], scales[i],

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from usdsplat.core.cloud import F32, F64, I32
 from usdsplat.core.errors import UsageError
 from usdsplat.images.color import conversion, conversion_curve, is_identity
-from usdsplat.kernels import blocks, feature, project, radiance, ray_hit, receivers, sort
+from usdsplat.kernels import blocks, casters, feature, project, radiance, ray_hit, receivers, sort
 from usdsplat.kernels.device import Device
 from usdsplat.render.buffers import Memory
 from usdsplat.render.crop_volumes import volumes
@@ -118,6 +118,10 @@ class Projector:
         self._ray_hits = self._buffers.ray_hits(self.layout.slots)
         for group, found in self._parts:
             self._find_ray_hits(group, found)
+
+    def order_casters(self) -> None:
+        """Let `sort` sort splats by the depth from which on they cast shadows, not by their own."""
+        self._device.run(casters.order_casters, self._ray_hits, self._keys)
 
     def find_features(self, *, with_normals: bool) -> None:
         """Compute axes, depths and albedo, and `with_normals` those of surfaces."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from usdsplat.core.cloud import SplatCloud
-from usdsplat.kernels import lighting, total
+from usdsplat.kernels import light_lanes, lighting, total
 from usdsplat.kernels.devices import open_device
 from usdsplat.render.lights.cameras import bounds_of, cameras_of
 from usdsplat.render.lights.depth_map import MapBuffers, draw_depth_map
@@ -60,9 +60,9 @@ def light_at(
                 rasterizer, camera, scene, layout, lambda _: True, SurfaceCache(), buffers
             )
             device.run(
-                lighting.illuminate, each.light, points, full, shapes, lighting.NO_PRIMS,
-                lighting.ONE_PRIM, -1, each.world_to_screen, each.views, (*each.splats, casts),
-                each.tiles, each.depths, sums,
+                light_lanes.shine, each.light, points, full, shapes, lighting.NO_PRIMS,
+                lighting.ONE_PRIM, -1, each.world_to_screen, each.views, (each.casters, casts),
+                each.tiles, each.depths, buffers.receivers.get, sums,
             )  # fmt: skip
     return device.fetch(sums).astype(np.float64)
 

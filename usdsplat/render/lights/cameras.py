@@ -21,9 +21,10 @@ LOW_PASS = 1e-3
 filter; it keeps flat splats seen edge-on invertible."""
 MARGIN = 0.5
 """Part of the extent of all splats but strays by which their pictures are larger on each side."""
-SPLAT_PIXELS = 4096
+SPLAT_PIXELS = 4080
 """Longer side of the pictures of splats [pixel]. Their shadows do not depend on it; tiles of 16
-pixels hold lists of a few hundred splats."""
+pixels hold lists of a few hundred splats. There are 255 x 255 tiles at most: a GPU sorts their
+numbers, and one for no tile, as 16 bits."""
 WIDEST = math.radians(50.0)
 """Largest half angle of one camera; a light that sees casters in more directions has six."""
 NEAREST = 1e-4

@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from usdsplat.core.cloud import F32, F64, I32
-from usdsplat.kernels import bins, lighting, position, project
-from usdsplat.render.buffers import Buffer, BufferGroup, Empty
+from usdsplat.core.cloud import F32, F64
+from usdsplat.kernels import bins, position, project
+from usdsplat.kernels.casters import CASTER, enlarge
+from usdsplat.render.buffers import Buffer, BufferGroup, Empty, KernelBuffers
 from usdsplat.render.draw_list import DrawList
 from usdsplat.render.frame_buffers import FrameBuffers
 from usdsplat.render.lights.cameras import LightCamera
@@ -27,9 +28,7 @@ from usdsplat.render.surfaces import Surfaces
 SETTINGS = RenderSettings(sorting="zDepth", rasterize_mode="classic")
 """Settings of the pictures of lights."""
 SPACE = "lin_rec709_scene"
-NO_RECORDS = (
-    np.empty((0, 12), np.float32), np.empty((0, 8), np.float32), np.empty(0, np.int32),
-)  # fmt: skip
+NO_CASTERS: F32 = np.empty((0, CASTER), np.float32)
 NO_DEPTHS: F32 = np.empty((0, 0), np.float32)
 NO_VIEW = np.ones(1, position.VIEW)
 
@@ -43,8 +42,8 @@ class DepthMap:
     world_to_screen: F64
     views: npt.NDArray[Any]
     """VIEW records of both pictures, shape (2,)."""
-    splats: tuple[F32, F32, I32]
-    """Records, ray hits and appearances of the splats in order of depth."""
+    casters: F32
+    """Splats in the order of `casters.order_casters`, shape (n, CASTER)."""
     tiles: tuple[Any, ...]
     """The argument `tiles` of `lighting.illuminate`."""
     depths: F32
@@ -53,17 +52,17 @@ class DepthMap:
     @property
     def nbytes(self) -> int:
         """Memory that the arrays take [byte]."""
-        arrays = (*self.splats, *self.tiles, self.depths)
+        arrays = (self.casters, *self.tiles, self.depths)
         return sum(int(np.prod(each.shape)) * each.dtype.itemsize for each in arrays)
 
 
 class CasterBuffers(BufferGroup):
     """Splats that cast shadows, for their tile lists."""
 
+    casters = Buffer(lambda slots: (slots, CASTER), np.float32)
+    """Result of `casters.enlarge`, shape (slots, CASTER)."""
     enlarged = Buffer(lambda slots: (slots, project.RECORD), np.float32)
-    """Records, see `lighting.enlarge`, shape (slots, RECORD)."""
-    limits = Buffer(lambda pairs: (pairs,), np.float32)
-    """Depths, see `lighting.nearest_ahead`, shape (pairs,)."""
+    """Records, see `casters.enlarge`, shape (slots, RECORD)."""
 
 
 class MapBuffers:
@@ -75,6 +74,7 @@ class MapBuffers:
 
     def __init__(self, empty: Empty) -> None:
         self.frame, self.casters = FrameBuffers(empty), CasterBuffers(empty)
+        self.receivers = KernelBuffers(empty)
         self.last = 0
         """Size of the last map [byte]."""
 
@@ -97,11 +97,11 @@ def draw_depth_map(
         buffers: Hold the result.
     """
     device = rasterizer.device
-    splats, tiles, depths = NO_RECORDS, _no_tiles(), NO_DEPTHS
+    casters, tiles, depths = NO_CASTERS, _no_tiles(), NO_DEPTHS
     views = np.concatenate([NO_VIEW, NO_VIEW])
     if camera.splats is not None and layout.slots > 0:
         views[0] = camera.splats.view_record()[0]
-        splats, tiles = _list_splats(rasterizer, buffers, camera.splats, layout)
+        casters, tiles = _list_splats(rasterizer, buffers, camera.splats, layout)
     if camera.surfaces is not None:
         views[1] = camera.surfaces.view_record()[0]
         views[0]["is_parallel"] = views[1]["is_parallel"]
@@ -114,7 +114,7 @@ def draw_depth_map(
         light=camera.light,
         world_to_screen=camera.world_to_screen,
         views=views,
-        splats=splats,
+        casters=casters,
         tiles=tiles,
         depths=depths,
     )
@@ -122,29 +122,28 @@ def draw_depth_map(
 
 def _list_splats(
     rasterizer: Rasterizer, buffers: MapBuffers, screen: Screen, layout: DrawList
-) -> tuple[tuple[F32, F32, I32], tuple[Any, ...]]:
+) -> tuple[F32, tuple[Any, ...]]:
     """Project all splats and list them by tile."""
     device = rasterizer.device
     projector = Projector(device, buffers.frame, layout, screen, SETTINGS, SPACE)
     projector.lay_out()
     projector.project()
     projector.find_ray_hits()
+    projector.order_casters()
     found = projector.sort((), labels=False)
     records, hits = found.records, found.ray_hits
     numbers = np.arange(len(layout.labels), dtype=np.int32)
     appearances = projector.labelled(found.order, numbers)
-    enlarged = buffers.casters.enlarged(records.shape[0])
-    device.run(lighting.enlarge, records, hits, enlarged)
+    made, n = buffers.casters, records.shape[0]
+    casters, enlarged = made.casters(n), made.enlarged(n)
+    device.run(enlarge, records, hits, appearances, casters, enlarged)
     lists = rasterizer.bin(
         replace(found, records=enlarged), screen.window, Occluders(), buffers.frame,
         sort_by_ray_hit=False,
     )  # fmt: skip
-    starts, rows, grid = lists.arrays
-    limits = buffers.casters.limits(rows.shape[0])
-    device.run(lighting.nearest_ahead, starts[1:], starts, rows, hits, limits)
-    return (records, hits, appearances), (starts, rows, limits, grid)
+    return casters, lists.arrays
 
 
 def _no_tiles() -> tuple[Any, ...]:
     none = np.empty(0, np.int32)
-    return np.zeros(2, np.int64), none, none.astype(np.float32), bins.grid_of(0, 0, 1, 1)
+    return np.zeros(2, np.int64), none, bins.grid_of(0, 0, 1, 1)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from usdsplat.core.cloud import F32
-from usdsplat.kernels import domes, lighting, total
+from usdsplat.kernels import domes, light_lanes, lighting, total
 from usdsplat.render.draw_list import DrawList
 from usdsplat.render.lights.cameras import LightCamera, bounds_of, cameras_of
 from usdsplat.render.lights.depth_map import DepthMap, MapBuffers, draw_depth_map
@@ -216,8 +216,9 @@ class LightMaps:
         numbers = self.casters.labels[:, 0].tolist()
         casts = np.array([self._casts(names[number], light) for number in numbers], np.uint8)
         self.rasterizer.device.run(
-            lighting.illuminate, each.light, points, normals, shapes, prims, to.linked, to.own,
-            each.world_to_screen, each.views, (*each.splats, casts), each.tiles, each.depths, sums,
+            light_lanes.shine, each.light, points, normals, shapes, prims, to.linked, to.own,
+            each.world_to_screen, each.views, (each.casters, casts), each.tiles, each.depths,
+            self.buffers.receivers.get, sums,
         )  # fmt: skip
 
 
