@@ -3,7 +3,9 @@
     PXR_PLUGINPATH_NAME=$(usdsplat plugin-path) python -m benchmarks.preview_pictures [NAME ...]
 
 A pattern grows on a capture of the test data while they are taken. The docks are shown in the
-tests' replacement for usdview, without usdview's own widgets. The page needs Chromium.
+tests' replacement for usdview, without usdview's own widgets. The page needs Chromium. On an X
+server with a window manager, such as Xvfb with openbox and QT_QPA_PLATFORM=xcb, the window is as
+users see it.
 """
 
 from __future__ import annotations

@@ -3,10 +3,10 @@
     python -m benchmarks.soak [--minutes 10] [--splats 100000] [--json FILE]
 
 A window without a display opens a capture, an animated stage and a splat tree in turn. Of each, the
-view is orbited, time is scrubbed, looks are changed, and two looks are compared while the view
-moves. After each minute, when the capture is open and drawn in full, the table has the memory of
-the process, its threads, and its open files. The first `WARM` minutes load and compile kernels and
-fill caches; after that nothing may grow.
+view is orbited, time is scrubbed and played, a prim is moved and hidden and that is undone, looks
+are changed, and two looks are compared while the view moves. After each minute, when the capture is
+open and drawn in full, the table has the memory of the process, its threads, and its open files.
+The first `WARM` minutes load and compile kernels and fill caches; after that nothing may grow.
 """
 
 from __future__ import annotations
@@ -53,8 +53,10 @@ LOOKS = (
 )
 """Looks of a view at rest, in turn; the last one stays."""
 FRAMES = 24
-DRAG, COMPARED = 2.0, 1.0
-"""Time of an orbit [s], and of one that compares two looks."""
+MOVES = 10
+"""Steps by which a prim is dragged."""
+DRAG, COMPARED, PLAYED = 2.0, 1.0, 1.0
+"""Time of an orbit [s], of one that compares two looks, and of playback."""
 
 
 def written(folder: Path, cloud: SplatCloud) -> list[Path]:
@@ -98,6 +100,11 @@ class Visitor:
                 self._pause(2 * TICK)
             viewer.end_move()
             self._rest()
+            viewer.play()
+            self._pause(PLAYED)
+            viewer.play(False)
+            self._rest()
+        self._edit()
         for look in LOOKS:
             viewer.set_look(aov=look.aov, settings=look.settings)
             self._rest()
@@ -105,6 +112,31 @@ class Visitor:
         self._orbit(COMPARED)
         viewer.set_other(None)
         self._rest()
+
+    def _edit(self) -> None:
+        """Move and hide the first prim that has a place, and undo both."""
+        workspace, viewer = self._window.workspace, self._shown.viewport.viewer
+        assert workspace is not None
+        found: list[tuple[str, ...]] = []
+        workspace.proxy.ask(lambda document: tuple(document.engine.drawn_paths()), found.append)
+        wait(lambda: found)
+        viewer.select(found[0][:1])
+        wait(lambda: viewer.placement is not None)
+        assert viewer.placement is not None
+        matrix = np.reshape(viewer.placement.matrix, (4, 4)).copy()
+        viewer.begin_drag()
+        for _ in range(MOVES):
+            matrix[0, 3] += 0.01
+            viewer.place(tuple(matrix.ravel().tolist()))
+            self._pause(TICK)
+        viewer.end_move()
+        self._rest()
+        workspace.context.edit(lambda edits: edits.set_visible(found[0][0], False))
+        self._rest()
+        workspace.undo()
+        workspace.undo()
+        self._rest()
+        viewer.select(())
 
     def minute(self) -> Minute:
         """Return the state of the process, and begin to count pictures anew."""

@@ -10,7 +10,7 @@ from tests.schema.clouds import cloud
 from usdsplat import schema
 from usdsplat.delegate.engine import Engine
 from usdsplat.schema.composition import composition_findings
-from usdsplat.schema.value_clips import clip_files, stage_files
+from usdsplat.schema.value_clips import clip_files, clipped_prims, stage_files
 
 
 def clipped(folder: Path, *names: str) -> Usd.Stage:
@@ -35,7 +35,7 @@ def test_a_missing_clip_is_a_finding(tmp_path: Path) -> None:
     (found,) = composition_findings(stage)
     assert (found.code, found.path) == ("missing-asset", "/F")
     assert "lost.usdc" in found.found
-    assert {Path(path).name for path in clip_files(stage)} == {"a.usdc"}
+    assert {Path(path).name for path in clip_files(clipped_prims(stage))} == {"a.usdc"}
 
 
 def test_the_files_of_a_stage_do_not_depend_on_what_was_read(tmp_path: Path) -> None:
@@ -50,12 +50,42 @@ def test_the_files_of_a_stage_do_not_depend_on_what_was_read(tmp_path: Path) -> 
     assert [Path(path).name for path in before.clips] == ["a.usdc"]
 
 
+def test_clips_that_are_authored_later_are_files_of_an_engine(tmp_path: Path) -> None:
+    """Oracle: the names of the files on disk."""
+    stage = clipped(tmp_path, "a.usdc")
+    prim = stage.GetPrimAtPath("/F")
+    clips = prim.GetMetadata("clips")
+    prim.ClearMetadata("clips")
+    with Engine(stage) as engine:
+        assert engine.stage_info().clips == ()
+        prim.SetMetadata("clips", clips)
+        assert [Path(path).name for path in engine.stage_info().clips] == ["a.usdc"]
+
+
+def test_a_manifest_that_is_a_layer_too_hides_no_clips(tmp_path: Path) -> None:
+    """Oracle: the names on disk; with such a manifest, USD uses no layer that only clips need."""
+    stage = clipped(tmp_path, "a.usdc")
+    topology = Sdf.Layer.CreateNew(str(tmp_path / "topology.usda"))
+    spec = Sdf.CreatePrimInLayer(topology, "/F")
+    Sdf.AttributeSpec(spec, "positions", Sdf.ValueTypeNames.Point3fArray)
+    topology.Save()
+    stage.GetRootLayer().subLayerPaths.append("./topology.usda")
+    api = Usd.ClipsAPI(stage.GetPrimAtPath("/F"))
+    api.SetClipManifestAssetPath(Sdf.AssetPath("./topology.usda"))
+    stage.Save()
+    del api, stage  # which have opened the clip
+    opened = Usd.Stage.Open(str(tmp_path / "shot.usda"))
+    assert opened.GetUsedLayers() == opened.GetUsedLayers(False)
+    names = {Path(path).name for path in stage_files(opened)}
+    assert names == {"shot.usda", "topology.usda", "a.usdc"}
+
+
 def test_damaged_metadata_of_clips_has_no_files() -> None:
     """Oracle: no error is raised for a value of another type."""
     stage = Usd.Stage.CreateInMemory()
     prim = stage.DefinePrim("/F")
     prim.SetMetadata("clips", {"default": {"assetPaths": 3}})
-    assert clip_files(stage) == set()
+    assert clip_files(clipped_prims(stage)) == set()
 
 
 def test_the_files_of_a_stage_include_clips_that_were_not_read(tmp_path: Path) -> None:

@@ -149,6 +149,7 @@ def reload(document: Document) -> tuple[str, ...]:
             sources.note(files)
     else:
         opening.reload(document.stage, changed)
+        document.edits.follow_rate()
         if sources is not None:
             sources.forget()
             sources.note(layer_files(document.stage))

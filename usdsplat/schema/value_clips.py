@@ -13,9 +13,7 @@ from usdsplat.schema.stage_values import in_world
 def clip_assets(prims: Iterable[Usd.Prim]) -> Iterator[tuple[Usd.Prim, Sdf.AssetPath]]:
     """Yield (prim, asset) of each clip and manifest of prims; resolved, or with an empty
     `resolvedPath` if the file is missing."""
-    for prim in prims:
-        if not prim.HasAuthoredMetadata("clips"):
-            continue
+    for prim in filter(has_clips, prims):
         api = Usd.ClipsAPI(prim)
         for name in api.GetClips() or {}:
             try:
@@ -27,13 +25,37 @@ def clip_assets(prims: Iterable[Usd.Prim]) -> Iterator[tuple[Usd.Prim, Sdf.Asset
                 yield prim, asset
 
 
-def clip_files(stage: Usd.Stage) -> set[str]:
-    """Return the files of the value clips of a stage that exist, packages included."""
-    if len(stage.GetUsedLayers()) == len(stage.GetUsedLayers(False)):
-        return set()  # without a search: each set of clips uses a layer, at least its manifest
-    assets = (asset for _, asset in clip_assets(in_world(stage)))
-    found = (asset.resolvedPath for asset in assets if asset.resolvedPath)
-    return set(map(file_of, found))
+def has_clips(prim: Usd.Prim) -> bool:
+    """Return whether a prim has metadata of value clips."""
+    return bool(prim.HasAuthoredMetadata("clips"))
+
+
+def clipped_prims(stage: Usd.Stage) -> list[Usd.Prim]:
+    """Return the prims of a stage that have value clips.
+
+    The layers that USD uses tell nothing: it opens clips when their values are read, and a manifest
+    may be a layer of the stage as well.
+    """
+    return list(filter(has_clips, in_world(stage)))
+
+
+class ClippedPrims:
+    """The prims of a stage that have value clips, which are looked for once."""
+
+    def __init__(self) -> None:
+        self._found: list[Usd.Prim] | None = None
+
+    def of(self, stage: Usd.Stage) -> list[Usd.Prim]:
+        """Return those of the stage, which is the same in each call."""
+        if self._found is None:
+            self._found = clipped_prims(stage)
+        return self._found
+
+
+def clip_files(prims: Iterable[Usd.Prim]) -> set[str]:
+    """Return the files of the value clips of prims that exist, packages included."""
+    found = (asset.resolvedPath for _, asset in clip_assets(prims))
+    return {file_of(path) for path in found if path}
 
 
 def layers_without_clips(stage: Usd.Stage) -> list[Sdf.Layer]:
@@ -45,7 +67,7 @@ def layers_without_clips(stage: Usd.Stage) -> list[Sdf.Layer]:
 def stage_files(stage: Usd.Stage) -> set[str]:
     """Return the files that a stage reads: its layers, its value clips, packages included."""
     paths = (layer.realPath for layer in layers_without_clips(stage))
-    return {file_of(path) for path in paths if path} | clip_files(stage)
+    return {file_of(path) for path in paths if path} | clip_files(clipped_prims(stage))
 
 
 def file_of(path: str) -> str:

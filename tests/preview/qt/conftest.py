@@ -35,10 +35,11 @@ def wait_until(condition: Callable[[], object], *, seconds: float = PATIENCE) ->
     deadline = time.monotonic() + seconds
     # A loop that runs deletes what is to be deleted later. QApplication.sendPostedEvents would too,
     # but PySide 6.12 lets go of a None with each call, until Python ends for the lack of it.
-    loop = QEventLoop()
+    loop, timer = QEventLoop(), QTimer()  # QTimer.singleShot leaks, see benchmarks.window_latency
+    timer.timeout.connect(loop.quit)
+    timer.start(5)
     while not condition():
         assert time.monotonic() < deadline, f"this did not become so in {seconds:g} s"
-        QTimer.singleShot(5, loop.quit)
         loop.exec()
 
 

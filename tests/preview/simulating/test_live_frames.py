@@ -20,6 +20,7 @@ from usdsplat import schema
 from usdsplat.delegate.engine import Engine
 from usdsplat.preview.document import Document
 from usdsplat.preview.simulating.live import LiveRun
+from usdsplat.preview.simulating.live_layer import LiveLayer
 from usdsplat.preview.simulating.runner import Runner
 from usdsplat.preview.values import Look, Picture, ViewState
 
@@ -53,6 +54,22 @@ def pictures(engine: Engine) -> dict[str, np.ndarray]:
     """Every AOV from a fixed side."""
     view = engine.view(resolution=(64, 48))
     return {name: each.copy() for name, each in engine.picture(view, None, AOVS).items()}
+
+
+def test_the_frames_of_a_run_are_listed_with_the_lock_of_the_stage(tmp_path, monkeypatch) -> None:
+    """Oracle: the lock itself, each time; without it a pause that authors them meanwhile may end
+    the run."""
+    owned, frames = [], LiveLayer.frames
+    with running(shot(tmp_path, PUSH, last=6, count=20)) as (host, runner):
+
+        def listed(layer: LiveLayer) -> tuple[float, float] | None:
+            owned.append(host.lock._is_owned())
+            return frames.fget(layer)
+
+        monkeypatch.setattr(LiveLayer, "frames", property(listed))
+        runner.run()
+        assert host.ended().frames == (1.0, 6.0)
+    assert owned and all(owned)
 
 
 @pytest.mark.parametrize("form", ["float", "half", "packed"])

@@ -44,6 +44,20 @@ EDITS = {
 }
 
 
+@pytest.mark.parametrize("rate", [24.0, 25.0, 48.0, 60.0])
+def test_a_key_is_at_the_time_that_was_asked_for_whatever_the_rate(rate):
+    """Oracle: the times themselves, before and after the stage gets another rate on disk."""
+    stage = rich()
+    stage.SetTimeCodesPerSecond(rate)
+    edits = Edits(stage)
+    edits.set_value("/World/Ball.radius", 3.5, time=7.0)
+    for _ in range(2):
+        assert stage.GetAttributeAtPath("/World/Ball.radius").GetTimeSamples() == [7.0]
+        assert stage.GetTimeCodesPerSecond() == stage.GetRootLayer().timeCodesPerSecond
+        stage.GetRootLayer().timeCodesPerSecond = 30.0
+        edits.follow_rate()
+
+
 @pytest.mark.parametrize("seed", range(6))
 def test_undo_and_redo_restore_the_layer_to_the_letter(seed):
     """Oracle: the session layer's own text after each of many edits in a random order."""

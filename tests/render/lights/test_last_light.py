@@ -42,6 +42,20 @@ def test_irradiance_is_no_last_light_of_a_shadow():
     assert not lacks_light
 
 
+@pytest.mark.parametrize("aov", ["depth", "albedo", "Neye", "primId", "depthFront"])
+def test_what_light_does_not_change_is_drawn_without_computing_it(aov):
+    """Oracle: the pixels of the picture with captured colours, and the statistics; colour of the
+    same renderer has its light."""
+    scene, renderer = dimmed_scene(), Renderer(open_device())
+    expected, _ = drawn(Renderer(open_device()), scene, aov, light=True)
+    found, lacks_light = drawn(renderer, scene, aov, light=True, lighting="shadowed")
+    np.testing.assert_array_equal(found, expected)
+    assert renderer.stats.light_steps == 0 and not lacks_light
+    assert not drawn(renderer, scene, aov, light=False, lighting="shadowed")[1]
+    drawn(renderer, scene, "color", light=True, lighting="shadowed")
+    assert renderer.stats.light_steps > 0
+
+
 @pytest.mark.parametrize("edit", ["color space", "normals"])
 def test_an_edit_that_changes_relit_colours_is_lacking_until_its_light_is_computed(edit):
     """Oracle: the picture of a new renderer, bit for bit, once there is no more waiting."""

@@ -90,6 +90,25 @@ def test_a_preset_is_made_for_the_edited_capture(tmp_path) -> None:
     np.testing.assert_allclose(middle, low_high.mean(axis=0), atol=1e-4)
 
 
+def test_keys_of_edits_keep_their_second_at_another_rate(tmp_path) -> None:
+    """Oracle: the same keys in the capture's own layer, which USD scales."""
+    made = capture(tmp_path)
+    made.SetTimeCodesPerSecond(48)
+    edits = Sdf.Layer.CreateAnonymous(".usda")
+    edits.timeCodesPerSecond = 48
+    for layer, name in ((made.GetRootLayer(), "own"), (edits, "edit")):
+        spec = Sdf.CreatePrimInLayer(layer, "/World")
+        Sdf.AttributeSpec(spec, f"splat:{name}", Sdf.ValueTypeNames.Double)
+        for time in (12.0, 48.0, 96.0):
+            layer.SetTimeSample(f"/World.splat:{name}", time, 2.0 * time)
+    made.Save()
+    author_preset("push", made, tmp_path / "sim.usda", edits=edits)
+    stage = Usd.Stage.Open(str(tmp_path / "sim.usda"))
+    own, edit = (stage.GetAttributeAtPath(f"/World.splat:{name}") for name in ("own", "edit"))
+    assert edit.GetTimeSamples() == own.GetTimeSamples() == [6.0, 24.0, 48.0]
+    assert [edit.Get(time) for time in (6, 24, 48)] == [24.0, 96.0, 192.0]
+
+
 @pytest.mark.parametrize("up", ["Y", "Z"])
 @pytest.mark.parametrize("name", PRESETS)
 def test_a_preset_is_a_stage_that_holds_the_capture(name, up, tmp_path) -> None:

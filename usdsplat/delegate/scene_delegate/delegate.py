@@ -248,7 +248,9 @@ class UsdSceneDelegate:
         """Return the values of the stage that headers of pictures contain."""
         entries = (entry for _, entry in self._population.rprims())
         placed = (seen.placement for entry in entries for seen in entry.appearances)
-        return read_stage_info(self.stage, placed, self._population.lights.values())
+        known = self._population
+        clipped = known.clipped.of(self.stage)
+        return read_stage_info(self.stage, placed, known.lights.values(), clipped)
 
     def field(self, path: str) -> FieldSpec | None:
         """Implement `SceneDelegate.field`."""

@@ -32,6 +32,7 @@ from usdsplat.delegate.scene_delegate.volumes import NO_CROP, Crop, find_crop, h
 from usdsplat.schema.lod_roots import ItemChoice, item_choice
 from usdsplat.schema.tree import is_tree
 from usdsplat.schema.validation.transforms import without_attribute
+from usdsplat.schema.value_clips import ClippedPrims
 
 Kind = Literal["field", "mesh", "instancer", "camera", "light", "other", ""]
 
@@ -127,6 +128,8 @@ class Population:
     """Prims that are not drawn, with the code of the finding; of equal instances one."""
     findings: list[Finding] = field(default_factory=list)
     """What prims ask for and do not get, apart from their values."""
+
+    clipped: ClippedPrims = field(default_factory=ClippedPrims)
 
     def rprims(self) -> Iterator[tuple[str, RprimEntry]]:
         """Yield (path, entry) of fields and meshes."""

@@ -19,7 +19,10 @@ def first_frame(stage: Usd.Stage) -> float | None:
 
 
 def read_stage_info(
-    stage: Usd.Stage, placed: Iterable[Placement], lights: Iterable[Usd.Prim]
+    stage: Usd.Stage,
+    placed: Iterable[Placement],
+    lights: Iterable[Usd.Prim],
+    clipped: Iterable[Usd.Prim],
 ) -> StageInfo:
     """Return the rates, the unit and the files of a stage, and the names of what can be drawn.
 
@@ -27,6 +30,7 @@ def read_stage_info(
         stage: The stage.
         placed: Placements of all prims that can be drawn.
         lights: All lights.
+        clipped: All prims with value clips.
     """
     prims = {each.path: each.asset or each.path for each in placed}
     session = stage.GetSessionLayer()
@@ -38,7 +42,7 @@ def read_stage_info(
         start=stage.GetStartTimeCode() if stage.HasAuthoredTimeCodeRange() else 0.0,
         meters_per_unit=stage_unit(stage),
         files=tuple(sorted({file_of(layer.realPath) for layer in layers})) if is_saved else (),
-        clips=tuple(sorted(clip_files(stage))),
+        clips=tuple(sorted(clip_files(clipped))),
         prims=tuple(sorted(prims)),
         lights=light_aovs(lights),
         assets=tuple(sorted(set(prims.values()))),

@@ -82,4 +82,5 @@ class ShownJob(Job):
                     layer.trim()
                 else:
                     layer.author()
-        self.frame, self.frames = time, layer.frames
+        with self._host.lock:  # whoever has it may author or drop frames
+            self.frame, self.frames = time, layer.frames

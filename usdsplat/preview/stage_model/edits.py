@@ -35,10 +35,20 @@ class Edits:
     def __init__(self, stage: Usd.Stage) -> None:
         self.stage = stage
         self.layer = stage.GetSessionLayer()
+        self.follow_rate()
         self._history = History(self.layer)
         self._saved = self._compared = self._history.state
         """States of the history when the edits were saved, and when they were last compared."""
         self._kept, self._has_unsaved = _said(self.layer), False
+
+    def follow_rate(self) -> None:
+        """Give the layer the rate of the stage's own layers, so that a key at a time of the stage
+        is at this time: USD scales the times of a layer with another rate, or without one."""
+        if self.layer.HasTimeCodesPerSecond():
+            self.layer.ClearTimeCodesPerSecond()
+        rate = self.stage.GetTimeCodesPerSecond()
+        if rate != self.layer.timeCodesPerSecond:
+            self.layer.timeCodesPerSecond = rate
 
     @property
     def has_unsaved(self) -> bool:

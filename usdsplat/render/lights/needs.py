@@ -86,11 +86,12 @@ def is_needed(
     scene: RenderScene, view: View, settings: RenderSettings, aovs: Iterable[str]
 ) -> bool:
     """Return whether anything of a picture depends on lights that `kernels.shade` does not know, or
-    on shadows."""
-    lights = scene.named_lights.values()
-    if not lights:
+    on shadows. Of the AOVs, colour does, and those of light; deep pictures, which have none, do."""
+    names = tuple(aovs)
+    lights, wanted = scene.named_lights.values(), LightRequest.of(names)
+    if not lights or (names and "color" not in names and not wanted.any):
         return False
-    if LightRequest.of(aovs).any or has_shadows(scene, view, settings):
+    if wanted.any or has_shadows(scene, view, settings):
         return True
     return not all(light.is_plain for light in lights)
 

@@ -20,7 +20,7 @@ from usdsplat import __version__
 from usdsplat.core.errors import FormatError, StageError
 from usdsplat.core.file_hash import file_hash
 from usdsplat.core.progress import phase
-from usdsplat.schema.value_clips import clip_files, file_of, layers_without_clips
+from usdsplat.schema.value_clips import clip_files, clipped_prims, file_of, layers_without_clips
 from usdsplat.sim.parameters import NAMESPACE
 from usdsplat.sim.stage.recipe import UNGUARDED
 
@@ -192,7 +192,7 @@ def input_hash(
     skipped = set(without)
     with reading:
         root = Path(stage.GetRootLayer().realPath or ".").parent
-        files.update(map(Path, clip_files(stage)))
+        files.update(map(Path, clip_files(clipped_prims(stage))))
         for layer in layers_without_clips(stage):
             if layer.identifier in skipped:
                 continue
