@@ -167,7 +167,7 @@ class Matter:
             )  # fmt: skip
             state.positions = out
             if self.pieces is not None:
-                if number == 0:  # lists of what is near cost as much as all passes
+                if number % 2 == 0:  # lists of what is near cost as much as all passes
                     self.pieces.part(state, poses)
                 self.pieces.place(state, poses)
         run(

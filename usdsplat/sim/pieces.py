@@ -24,7 +24,7 @@ from usdsplat.sim.state import PINNED, U32, State
 
 SEAM = 4.0
 """Cost of crossing from black to white, in lengths of the edge."""
-APART = 0.8
+APART = 1.5
 """Distance that carriers of different pieces keep, in distances of carriers."""
 
 Bools = npt.NDArray[np.bool_]
