@@ -133,15 +133,15 @@ STRIPS = {
         height=0.75, raised=0.12,
     ),
     "shatter": Strip(
-        capture="statue_trumpet.sog", preset="shatter", frames=(1, 8, 14, 20, 34), turn=205
+        capture="statue_trumpet.sog", preset="shatter", frames=(1, 8, 12, 17, 34), turn=205
     ),
     "conform": Strip(
-        capture="pod.spz", preset="conform", goal=FIGURE, frames=(1, 36, 46, 56, 80), height=2.3,
+        capture="pod.spz", preset="conform", goal=FIGURE, frames=(1, 28, 42, 58, 80), height=2.3,
         raised=0.35,
     ),
     "morph": Strip(
         capture="statue_trumpet.sog", preset="morph", goal="statue_massa.sog",
-        frames=(1, 36, 46, 56, 80), turn=205,
+        frames=(1, 28, 42, 58, 80), turn=205,
     ),
     "dissolve": Strip(
         capture="statue_trumpet.sog", preset="dissolve", frames=(1, 18, 28, 40, 60), turn=205,

@@ -112,6 +112,19 @@ def test_an_order_from_a_primvar_starts_splats(device):
     assert np.linalg.norm(cloud.positions[order == 0], axis=1).min() > 1.8
 
 
+def test_a_front_passes_down(device):
+    """Oracle: heights at rest: those that have moved are the upper ones."""
+    rest = ball(500)
+    slow = {**SOON, "duration": 0.1, "stagger": 1.0, "order": "height"}
+    says = always(parameters=knobs(conform=slow), target=sphere(3, 2.0))
+    cloud = played(device, Written(rest, says), 12)[-1].cloud
+    moved = (cloud.positions != rest.positions).any(axis=1)
+    assert 0.2 < moved.mean() < 0.8
+    assert np.quantile(rest.positions[moved, 1], 0.05) > np.quantile(
+        rest.positions[~moved, 1], 0.95
+    ) - np.float32(0.2)
+
+
 def test_unselected_splats_stay(device):
     """Oracle: their positions at rest; and the others cover the whole target."""
     rest = ball(1500)

@@ -8,12 +8,14 @@ import numpy as np
 import pytest
 
 from tests.sim.recipes import ARRAYS, Written, always, ball, knobs, played
+from usdsplat.core.quaternion import to_matrix
 from usdsplat.kernels.devices import open_device
 from usdsplat.sim import population
 from usdsplat.sim.carriers import NEAR, Carriers
 from usdsplat.sim.infill import Infill
 from usdsplat.sim.parameters import AffectorParameters
 from usdsplat.sim.pieces import Pieces
+from usdsplat.sim.seams import Seams
 from usdsplat.sim.specs import Affector, Solid
 from usdsplat.sim.state import Frame, State
 
@@ -64,20 +66,48 @@ def test_a_piece_that_breaks_off_gets_an_inside(device) -> None:
     )  # fmt: skip
     filling = Infill(
         device, carriers, pieces, colors=np.full((c, 3), 0.5, np.float32),
-        origin=np.zeros(c, np.int32), ids=np.arange(COUNT), size=8.0, seed=1,
+        up=np.array((0, 1, 0), np.float32), origin=np.zeros(c, np.int32), ids=np.arange(COUNT),
+        size=8.0, seed=1,
     )  # fmt: skip
-    assert not len(filling.due(state, maximum=10**9)[0])
+    most, places = 10**9, carriers.positions.copy()
     pieces.stands[3] = False
-    chosen, rows = filling.due(state, maximum=10**9)
-    population.append(state, rows, now=0.0)
-    filling.shape(state, chosen)
-    at = state.rest_positions[COUNT:]
+    assert not filling.due(state, places, maximum=most)  # loose, but it has not moved
+    places[pieces.piece == 3] += np.float32(0.5) * places[pieces.piece == 3]
+    due = filling.due(state, places, maximum=most)
+    assert due.is_first and due.seams.any()
+    population.append(state, due.parents, now=0.0)
+    filling.shape(state, due)
+    at, carrier = state.rest_positions[COUNT:], state.memory[NEAR][COUNT:, 0]
     radius = np.linalg.norm(at, axis=1)
     assert len(at) > 50 and radius.max() < 1.0 and radius.min() > 0.3
-    assert (pieces.piece[state.memory[NEAR][COUNT:, 0]] == 3).all()
+    own = pieces.piece[carrier] == 3
     middle = carriers.positions[pieces.piece == 3].mean(axis=0)
-    assert np.linalg.norm(at - middle, axis=1).max() < 8 * 0.09
-    assert not len(filling.due(state, maximum=10**9)[0])
+    assert own.sum() > 50 and np.linalg.norm(at[own] - middle, axis=1).max() < 8 * 0.09
+    assert not filling.due(state, places, maximum=most)
+
+
+def test_splats_end_at_the_seams_that_open(device) -> None:
+    """Oracle: the plane of a seam: what is left of a splat is on its own side, up to twice its
+    standard deviation; splats away from seams, and on seams that stay shut, keep every bit."""
+    carriers = Carriers.of(device, ball(COUNT), distance=0.09, seed=1)
+    piece = (carriers.positions[:, 0] > 0).astype(np.int32)
+    seams = Seams.of(device, carriers, piece)
+    assert np.abs(seams.positions[:, 0]).max() < 0.1
+    assert (np.abs(seams.normals[:, 0]) > 0.9).mean() > 0.95
+    rng = np.random.default_rng(4)
+    places = np.array([(0.03, 0.6, 0.8), (0.7, 0.7, 0.1), (-0.02, 0.0, -1.0)], np.float32)
+    turns = rng.normal(size=(3, 4)).astype(np.float32)
+    turns /= np.linalg.norm(turns, axis=1, keepdims=True)
+    sizes = np.full((3, 3), 0.1, np.float32) * np.array([1, 2, 0.2], np.float32)
+    shapes, sides = (places, turns, sizes), (places[:, 0] > 0).astype(np.int32)
+    shut = np.zeros(len(seams), np.bool_)
+    assert not len(seams.cut(device, shut, sides, carriers.spacing, shapes)[0])
+    rows, (at, rotations, scales), gone = seams.cut(device, ~shut, sides, carriers.spacing, shapes)
+    assert rows.tolist() == [0, 2] and not gone.any()
+    axes = to_matrix(rotations) * scales[:, None]
+    sigma = np.sqrt((axes[:, 0] ** 2).sum(axis=1))
+    inside = np.where(sides[rows] == 1, at[:, 0], -at[:, 0])
+    assert (inside > 1.5 * sigma).all() and (inside > np.abs(places[rows, 0])).all()
 
 
 def test_pieces_are_filled_once(broken) -> None:

@@ -84,11 +84,12 @@ def test_veins_are_a_tree_that_is_thickest_at_its_root(device, carriers, arrival
 
 
 def test_needles_have_many_lengths_and_directions(device, carriers) -> None:
-    """Oracle: unit vectors that lean out of the ball by less than a right angle, of a tenfold
-    range of lengths; each carrier has its own rank."""
+    """Oracle: unit vectors that lean out of the ball by less than a right angle, of a fourfold
+    range of lengths, with bare ground between; each carrier has its own rank."""
     prisms = Needles(device, carriers, 4.0, 1).prisms
     np.testing.assert_allclose(np.linalg.norm(prisms.axes, axis=1), 1, atol=1e-5)
     outward = (prisms.axes * prisms.bases).sum(axis=1) / np.linalg.norm(prisms.bases, axis=1)
     assert (outward > 0).mean() > 0.99 and np.quantile(outward, 0.1) < 0.9
-    assert prisms.lengths.max() > 4 * prisms.lengths.min() > 0
+    long = prisms.lengths > 0
+    assert prisms.lengths.max() > 4 * prisms.lengths[long].min() and 0.3 < long.mean() < 0.95
     assert len(np.unique(np.stack([prisms.site, prisms.rank]), axis=1).T) == len(carriers)

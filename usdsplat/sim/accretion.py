@@ -16,6 +16,7 @@ from usdsplat.core.sh import rgb_to_dc
 from usdsplat.kernels.device import Device
 from usdsplat.kernels.sim import accretion as kernels
 from usdsplat.kernels.sim import needles as prisms
+from usdsplat.kernels.sim import tubes
 from usdsplat.sim.carriers import NEAR, NEAREST, WEIGHTS, Carriers
 from usdsplat.sim.front import ARRIVAL
 from usdsplat.sim.motifs import Cells, Look, Motif, Plates, drawn
@@ -23,6 +24,7 @@ from usdsplat.sim.needles import Needles
 from usdsplat.sim.parameters import AccretionParameters
 from usdsplat.sim.specs import Moment
 from usdsplat.sim.state import State
+from usdsplat.sim.vein_tree import MOST as FULL_VEIN
 from usdsplat.sim.vein_tree import Veins
 
 CARRIER, LAYER = "accretion:carrier", "accretion:layer"
@@ -168,6 +170,8 @@ class Accretion:
         )  # fmt: skip
         if isinstance(self._motif, Needles):
             self._place_needles(state, rows, knobs, seconds, colors)
+        elif isinstance(self._motif, Veins):
+            self._place_veins(state, rows, knobs, colors)
         else:
             run(
                 kernels.discs, rows, state.memory[CARRIER], state.memory[LAYER], knobs.layers,
@@ -225,6 +229,25 @@ class Accretion:
             p.rank, p.count, p.bases, p.axes, p.lengths, p.radii, grown, numbers, _ramp(knobs),
             self._light, state.rest_positions, state.rest_rotations, state.rest_scales,
             state.rest_opacities, colors,
+        )  # fmt: skip
+
+    def _place_veins(
+        self, state: State, rows: I64, knobs: AccretionParameters, colors: F32
+    ) -> None:
+        """Compute the rest values of the splats of veins, at the time of the last look."""
+        assert isinstance(self._motif, Veins)
+        c, tree = self._carriers, self._motif.tree
+        radii = self._motif.radius * self._allowed(knobs)
+        radii *= np.float32(knobs.relief / FULL_VEIN * c.spacing)
+        numbers = np.array(
+            [c.spacing, knobs.opacity, knobs.shade, knobs.gloss, knobs.thickness * c.spacing],
+            np.float32,
+        )
+        self._device.run(
+            tubes.strokes, rows, state.memory[CARRIER], state.memory[LAYER], knobs.layers,
+            state.ids, self._seed, c.normals, tree.feet, tree.ways, radii, numbers,
+            _ramp(knobs), self._light, state.rest_positions, state.rest_rotations,
+            state.rest_scales, state.rest_opacities, colors,
         )  # fmt: skip
 
     def _look_at(self, state: State, knobs: AccretionParameters, now: float) -> Look:

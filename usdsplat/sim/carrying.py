@@ -115,11 +115,17 @@ class Carrying:
     bows: F32
     """Directions of the arcs of paths, as long as the way [unit], shape (c, 3)."""
     order: F32
-    """Rank of each point by the length of its way, 0..1, shape (c,)."""
+    """Rank of each point by the length or the height of its way, 0..1, shape (c,)."""
 
     @classmethod
     def along(
-        cls, device: Device, found: TransportMap, ground: Ground, rest: SplatCloud
+        cls,
+        device: Device,
+        found: TransportMap,
+        ground: Ground,
+        rest: SplatCloud,
+        *,
+        down: F32 | None = None,
     ) -> Carrying:
         """Carry splats along a map.
 
@@ -128,6 +134,8 @@ class Carrying:
             found: The map.
             ground: Its target.
             rest: The capture at rest, whose sizes are chosen so that they cover the target.
+            down: Direction in which splats start one after the other, shape (3,); None starts
+                those with the shortest way first.
         """
         c = len(found.source)
         plain = cls(
@@ -141,7 +149,7 @@ class Carrying:
             growth=np.ones(c, np.float32),
             curvature=_curvature(found),
             bows=_bows(device, found),
-            order=_order(found),
+            order=_order(found, down),
         )
         return replace(plain, growth=plain._needed(ground, rest))
 
@@ -168,7 +176,7 @@ class Carrying:
         }
 
     def ranks(self, positions: F32) -> F32:
-        """Return the rank of splats by the length of their way, 0..1, shape (n,)."""
+        """Return the rank of splats by the order of points, 0..1, shape (n,)."""
         return self.read(self.order[:, None], positions)[:, 0].copy()
 
     def read(self, values: F32, positions: F32) -> F32:
@@ -292,10 +300,19 @@ def _curvature(found: TransportMap) -> F32:
     return np.sqrt((weights * bent).sum(axis=1) / total * 8 / 3).astype(np.float32)
 
 
-def _order(found: TransportMap) -> F32:
-    """Return the rank of points by the length of their way, 0..1."""
-    n = len(found.images)
-    way = np.linalg.norm(found.images - found.source.positions, axis=1)
+def _order(found: TransportMap, down: F32 | None) -> F32:
+    """Return the rank of points by the length of their way, or along a direction, 0..1."""
+    n, start = len(found.images), found.source.positions
+    if down is None:
+        value = np.linalg.norm(found.images - start, axis=1)
+    else:  # where a way ends counts as much as where it starts, so that a front passes both
+        value = _part(start @ down) + _part(found.images @ down)
     ranks = np.empty(n, np.float32)
-    ranks[np.argsort(way, kind="stable")] = np.linspace(0, 1, n, dtype=np.float32)
+    ranks[np.argsort(value, kind="stable")] = np.linspace(0, 1, n, dtype=np.float32)
     return ranks
+
+
+def _part(values: F32) -> F32:
+    """Return values from 0 at the lowest to 1 at the highest."""
+    low, high = float(values.min(initial=np.inf)), float(values.max(initial=-np.inf))
+    return np.asarray((values - np.float32(low)) / np.float32(max(high - low, 1e-30)), np.float32)

@@ -277,7 +277,7 @@ class Conform:
         """Store the order in which splats start, 0..1."""
         n = len(self)
         ranks = np.empty(n, np.float32)
-        if self._parameters.order == "distance":
+        if self._parameters.order != "random":
             order = np.argsort(hits.squared, kind="stable")
             ranks[order] = np.linspace(0, 1, n, dtype=np.float32)
         else:

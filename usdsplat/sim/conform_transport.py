@@ -22,10 +22,12 @@ from usdsplat.kernels.sim import landing as kernels
 from usdsplat.sim.carriers import Carriers
 from usdsplat.sim.carrying import Carried, Carrying
 from usdsplat.sim.conform import Rows
+from usdsplat.sim.flying import in_flight
 from usdsplat.sim.grounds import Ground, MeshGround
 from usdsplat.sim.parameters import ConformParameters, Parameters
 from usdsplat.sim.sheets import MeshGoal, outer_sheet
 from usdsplat.sim.specs import Surface
+from usdsplat.sim.state import Frame
 from usdsplat.sim.target_mesh import TargetMesh
 from usdsplat.sim.transport_map import match
 
@@ -47,6 +49,7 @@ class TransportConform:
         ids: Identities of the splats, shape (n,).
         select: Weight of each, 0..1, shape (n,).
         order: When each starts, 0 first and 1 last, shape (n,); None follows `conform:order`.
+        up: Unit vector upwards.
         parameters: `conform:order`, `sim:seed` and `appearance:maxStretch` are taken from here.
     """
 
@@ -59,8 +62,11 @@ class TransportConform:
         ids: I64,
         select: F32,
         order: F32 | None,
+        up: tuple[float, float, float],
         parameters: Parameters,
     ) -> None:
+        self._up = up
+        self._part = np.zeros(len(select), np.float32)
         self._device, self._carriers = device, carriers
         self._rest, self._ids, self._order = rest, ids, order
         self._parameters = parameters
@@ -194,7 +200,15 @@ class TransportConform:
         )  # fmt: skip
         select = self._select if factor is None else self._select * factor
         self._device.run(conform_kernels.advance, float(now), timing, self._ranks, select, way)
+        whole = np.float32(parameters.weight) * select
+        self._part = np.where(whole > 0, way / np.where(whole > 0, whole, 1), 0)
         return way
+
+    def finished(self, frame: Frame) -> Frame:
+        """Return a frame at the time of the last `apply` with the look of splats in flight."""
+        spacing = 1.0 if self._carrying is None else self._carrying.source.spacing
+        target = spacing if self._carrying is None else self._carrying.spacing
+        return replace(frame, cloud=in_flight(frame.cloud, self._part, spacing, target))
 
     def _update_target(self, surface: Surface) -> TargetMesh:
         """Update the target's positions, if it has moved."""
@@ -214,7 +228,14 @@ class TransportConform:
         with phase("transport", work=len(sheet)):
             found = match(device, sheet, MeshGoal(device, mesh, len(sheet)))
         ground = MeshGround(mesh)
-        self._finish(Carrying.along(device, found, ground, rest), ground, mesh)
+        self._finish(Carrying.along(device, found, ground, rest, down=self._down), ground, mesh)
+
+    @property
+    def _down(self) -> F32 | None:
+        """The direction in which splats start one after the other; None for another order."""
+        if self._parameters.conform.order != "height":
+            return None
+        return -np.asarray(self._up, np.float32)
 
     @property
     def _moving(self) -> SplatCloud:
@@ -229,7 +250,7 @@ class TransportConform:
         self._bound = carrying.land(ground, rest.positions, rest.rotations, rest.scales)
         if self._order is not None:
             self._ranks = np.clip(self._order, 0, 1).astype(np.float32)
-        elif self._parameters.conform.order == "distance":
+        elif self._parameters.conform.order != "random":
             self._ranks = carrying.ranks(rest.positions)
         else:
             self._ranks = self._drawn(self._ids)

@@ -37,7 +37,7 @@ MATERIALS: dict[str, dict[str, Any]] = {
     # breaks into rigid pieces
     "stone": {
         "stiffness": 1000.0, "back": 0.0, "damping": 0.05, "stretch": 1.02, "press": 0.98,
-        "tear": 1.05, "gravity": 1.0, "grain": 8.0, "iterations": 8,
+        "tear": 1.05, "gravity": 1.0, "grain": 8.0, "iterations": 4,
     },
 }  # fmt: skip
 """Material -> knobs that differ from the defaults."""

@@ -154,7 +154,7 @@ class Matter:
         shifts = resident((poses.shape[0], 8), np.float32)
         self._push(started, before, after, step.dt, continuous=knobs.back <= 0)
         pushed = state.positions
-        for _ in range(knobs.iterations):
+        for number in range(knobs.iterations):
             run(
                 kernels.match, *limits, poses, state.positions, *self._edges, self._cut,
                 self._offsets, self._turns, shifts,
@@ -167,7 +167,8 @@ class Matter:
             )  # fmt: skip
             state.positions = out
             if self.pieces is not None:
-                self.pieces.part(state, poses)
+                if number % 2 == 0:  # lists of what is near cost as much as all passes
+                    self.pieces.part(state, poses)
                 self.pieces.place(state, poses)
         run(
             kernels.finish, f(after.parameters.sim.max_speed), dt, state.flags, pushed,

@@ -99,20 +99,27 @@ class MatterField:
         if self.matter.pieces is not None and breaks(knobs) and knobs.fill:
             ids = np.arange(len(recipe.rest)) if recipe.rest.ids is None else recipe.rest.ids
             self.filling = Infill(
-                device, carriers, self.matter.pieces, colors=colors, origin=rows, ids=ids,
-                size=knobs.grain, seed=first.parameters.sim.seed,
+                device, carriers, self.matter.pieces, colors=colors,
+                up=np.asarray(first.up, np.float32), origin=rows, ids=ids, size=knobs.grain,
+                seed=first.parameters.sim.seed,
             )  # fmt: skip
 
     def bound(self, binding: Binding) -> Binding:
-        """Return the carriers that splats follow: those of the same rigid piece, if there are
-        pieces."""
+        """Return the carriers that splats follow: those of one rigid piece, if there are pieces,
+        which is the one with the largest weight. They come first."""
         if self.matter.pieces is None:
             return binding
-        piece = self.matter.pieces.piece[binding.near]
-        kept = np.where(piece == piece[:, :1], binding.weights, 0)
+        piece = np.where(binding.near >= 0, self.matter.pieces.piece[binding.near], -1)
+        alike = piece[:, :, None] == piece[:, None, :]
+        votes = (alike * binding.weights[:, None, :]).sum(axis=2)
+        best = np.argmax(votes, axis=1)[:, None]
+        own = piece == np.take_along_axis(piece, best, axis=1)
+        order = np.argsort(~own, axis=1, kind="stable")
+        near = np.take_along_axis(binding.near, order, axis=1)
+        kept = np.take_along_axis(np.where(own, binding.weights, 0), order, axis=1)
         kept[kept.sum(axis=1) == 0, 0] = 1
         total = kept.sum(axis=1, keepdims=True)
-        return replace(binding, weights=(kept / total).astype(np.float32))
+        return Binding(near=near, weights=(kept / total).astype(np.float32))
 
     def affectors(self, moment: Moment) -> Moment:
         """Return values of the stage with the ground among the affectors."""
@@ -120,6 +127,10 @@ class MatterField:
         if ground is None:
             return moment
         return replace(moment, affectors=(*moment.affectors, ground))
+
+    def places(self) -> F32:
+        """Return where the carriers are now [unit], shape (c, 3)."""
+        return self._device.fetch(self.matter.particles.positions)
 
     def begin(self, moment: Moment, seconds: float) -> None:
         """Put the carriers at their poses."""

@@ -24,17 +24,15 @@ from usdsplat.sim.grounds import SheetGround, frame_triangle
 from usdsplat.sim.parameters import ConformParameters
 from usdsplat.sim.sheets import Sheet, outer_sheet
 from usdsplat.sim.specs import Moment, Surface
+from usdsplat.sim.state import Frame
 from usdsplat.sim.target_mesh import TargetMesh
 from usdsplat.sim.transport_map import TransportMap, match
 
-APPEARS = (0.25, 0.65)
-"""Progress between which the splats of the other capture fade in."""
-VANISHES = (0.6, 0.95)
-"""Progress between which those of the capture fade out."""
-RECOLORED = (0.1, 0.75)
+APPEARS, VANISHES = (0.3, 0.5), (0.5, 0.7)
+"""Progress between which the splats of the other capture fade in, and those of the capture out: on
+the way, where both look alike."""
+RECOLORED = (0.4, 0.9)
 """Progress between which the colours of the capture become those of the other one."""
-OWN_COLOR = (0.3, 0.95)
-"""Progress between which splats of the other capture take on their own colours."""
 _ROWS = ("natives", "tints")
 _BACK = "back:"
 
@@ -63,10 +61,10 @@ class Morph(TransportConform):
         first: Moment,
     ) -> None:
         super().__init__(
-            device, rest, carriers, ids=ids, select=select, order=first.order,
+            device, rest, carriers, ids=ids, select=select, order=first.order, up=first.up,
             parameters=first.parameters,
         )  # fmt: skip
-        self._becomes, self._up = becomes, first.up
+        self._becomes = becomes
         self._frames = _frames(rest.positions, becomes.positions)
         self._back: Carrying | None = None
         self._natives = np.zeros(len(select), np.bool_)
@@ -173,15 +171,16 @@ class Morph(TransportConform):
         come, go = _ramp(self._way, *APPEARS), 1 - _ramp(self._way, *VANISHES)
         return np.where(self._natives, come, go).astype(np.float32)
 
-    def recolored(self, sh: F32) -> F32:
-        """Return harmonics with colours between both captures, shape (n, k, 3)."""
+    def finished(self, frame: Frame) -> Frame:
+        """Return a frame with the look of splats in flight, and colours between both captures."""
+        frame = super().finished(frame)
         if not self._natives.any():
-            return sh
-        to, own = _ramp(self._way, *RECOLORED), 1 - _ramp(self._way, *OWN_COLOR)
-        part = np.where(self._natives, own, to).astype(np.float32)
-        mixed = sh * (1 - part[:, None, None])
-        mixed[:, 0] += part[:, None] * self._tints
-        return mixed
+            return frame
+        to = _ramp(self._way, *RECOLORED)
+        part = np.where(self._natives, 1 - to, to).astype(np.float32)
+        sh = frame.cloud.sh * (1 - part[:, None, None])
+        sh[:, 0] += part[:, None] * self._tints
+        return replace(frame, cloud=replace(frame.cloud, sh=sh))
 
     def _progress(self, now: float, parameters: ConformParameters, factor: F32 | None) -> F32:
         """Return the way that splats are from their places at rest."""
@@ -201,7 +200,7 @@ class Morph(TransportConform):
         ground = self._ground(mesh, 0, goal)
         with phase("transport", work=len(sheet)):
             found = match(device, sheet, ground.goal)
-        carrying = Carrying.along(device, found, ground, rest)
+        carrying = Carrying.along(device, found, ground, rest, down=self._down)
         inverse = TransportMap(
             source=Sheet.of(device, found.images, found.ups),
             images=sheet.positions,

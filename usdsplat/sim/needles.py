@@ -14,13 +14,16 @@ from usdsplat.kernels.points.nearest import nearest
 from usdsplat.sim.carriers import Carriers
 from usdsplat.sim.motifs import Look, drawn, sites_of
 
-GROUP = 4.6
+GROUP = 3.4
 """Distance of the middles of groups, in distances of needles."""
 GROWING = 1.5
 """Time in which the longest needle grows [s]."""
-SLIM = 0.1
+SLIM = 0.15
 """Usual radius of a needle, as a part of its length."""
-LEAN, STRAY = 0.95, 0.35
+ALONE = (0.8, 0.8)
+"""Distance from the middle of a group, relative to its reach, from which the ground is bare, and
+what part of it."""
+LEAN, STRAY = 0.75, 0.22
 """How far needles lean away from the middle of their group, and how much at random."""
 
 
@@ -33,11 +36,13 @@ class Prisms:
     axes: F32
     """Unit vectors to the tips, shape (k, 3)."""
     lengths: F32
-    """Lengths, 0 to 1, shape (k,)."""
+    """Lengths, 0 to 1; 0 for none, shape (k,)."""
     radii: F32
     """Radii, relative to the longest needle, shape (k,)."""
     site: I32
     """Needle of each carrier, shape (c,)."""
+    group: I32
+    """Group of each carrier, shape (c,)."""
     rank: I32
     """Place of each carrier among those of its needle, shape (c,)."""
     count: I32
@@ -67,10 +72,16 @@ class Needles:
         away = (places[sites] - middles[near[:, 0]]) / reach
         part = np.minimum(apart[:, 0] / reach, 1.5)
         chance = drawn(device, k, seed + 2)
-        group = 0.55 + 0.45 * drawn(device, len(middles), seed + 3)[near[:, 0]]
-        lengths = group * np.exp(-1.3 * part**2) * (0.45 + 0.55 * chance)
-        lengths = np.maximum(lengths, 0.13 + 0.2 * chance**2)
-        normals = carriers.normals[sites]
+        group = 0.4 + 0.6 * drawn(device, len(middles), seed + 3)[near[:, 0]]
+        lengths = group * np.exp(-1.6 * part**2) * (0.3 + 0.7 * chance)
+        lengths = np.maximum(lengths, 0.12 + 0.16 * chance**2)
+        lengths[(part > ALONE[0]) & (chance < ALONE[1])] = 0
+        # a group has a common axis, from which its needles lean away
+        m, own = len(middles), carriers.normals[sites]
+        total = [np.bincount(near[:, 0], own[:, axis], m) for axis in range(3)]
+        common = np.stack(total, axis=1)[near[:, 0]]
+        normals = own + common / np.maximum(np.linalg.norm(common, axis=1, keepdims=True), 1e-9)
+        normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-9)
         turn = 2 * np.pi * drawn(device, k, seed + 4)
         tilt = STRAY * np.sqrt(drawn(device, k, seed + 5))
         aside = np.where(np.abs(normals[:, :1]) < 0.7, [[1.0, 0, 0]], [[0, 1.0, 0]])
@@ -80,10 +91,11 @@ class Needles:
         random = tilt[:, None] * (np.cos(turn)[:, None] * x + np.sin(turn)[:, None] * y)
         axes = normals + LEAN * away + random
         axes /= np.maximum(np.linalg.norm(axes, axis=1, keepdims=True), 1e-9)
-        radii = SLIM * lengths**0.75 * (0.65 + 0.7 * drawn(device, k, seed + 6))
+        radii = SLIM * lengths**0.8 * (0.65 + 0.7 * drawn(device, k, seed + 6))
         self.prisms = Prisms(
             bases=places[sites], axes=_f32(axes), lengths=_f32(lengths),
-            radii=_f32(radii), site=site.astype(np.int32), rank=rank, count=count,
+            radii=_f32(radii), site=site.astype(np.int32),
+            group=near[site, 0].astype(np.int32), rank=rank, count=count,
         )  # fmt: skip
 
     def keep_to(self, allowed: F32) -> None:
@@ -110,7 +122,7 @@ class Needles:
         site = self.prisms.site
         grown = self.grown(arrival, now)[site]
         rise = self.prisms.lengths[site] * grown
-        return Look(rise=_f32(rise), tone=_f32(0.5 * grown), piece=site)
+        return Look(rise=_f32(rise), tone=_f32(0.5 * grown), piece=self.prisms.group)
 
 
 def _ranked(site: I64, kept: npt.NDArray[np.bool_], k: int) -> tuple[I32, I32]:

@@ -24,7 +24,7 @@ from usdsplat.sim.state import PINNED, U32, State
 
 SEAM = 4.0
 """Cost of crossing from black to white, in lengths of the edge."""
-APART = 0.8
+APART = 1.5
 """Distance that carriers of different pieces keep, in distances of carriers."""
 
 Bools = npt.NDArray[np.bool_]
@@ -61,6 +61,10 @@ class Pieces:
         self.piece = self._cells(colors, size, seed)
         """Piece of each carrier, shape (c,)."""
         count = int(self.piece.max(initial=-1)) + 1
+        a, b = self.piece[self._own].astype(np.int64), self.piece[neighbours]
+        self._crossing = np.flatnonzero(a != b)
+        pairs, self._pair = np.unique((a * count + b)[self._crossing], return_inverse=True)
+        self._pairs = np.divmod(pairs, max(count, 1))
         self._members = np.argsort(self.piece, kind="stable").astype(np.int32)
         self._counts = np.bincount(self.piece, minlength=count).astype(np.int64)
         self._starts = np.cumsum(self._counts) - self._counts
@@ -86,11 +90,11 @@ class Pieces:
         """
         self.stands[self.piece[touched]] = False
         self.stands[self.piece[self._roots]] = True
-        a, b = self.piece[self._own], self.piece[self._neighbours]
-        self.stands &= self._supported(a, b, cut)
+        self.stands &= self._supported(cut)
         loose = ~self.stands[self.piece]
         flags[:] = np.where(loose, flags & ~PINNED, flags | PINNED)
-        cut[self.stands[a] != self.stands[b]] = 1
+        first, second = self._pairs
+        cut[self._crossing[(self.stands[first] != self.stands[second])[self._pair]]] = 1
 
     def maps(self) -> F32:
         """Return the rotation of each carrier's piece, shape (c, 3, 3)."""
@@ -156,12 +160,13 @@ class Pieces:
         _, piece = np.unique(origin, return_inverse=True)
         return piece.astype(np.int32)
 
-    def _supported(self, a: I32, b: I32, cut: npt.NDArray[np.uint8]) -> Bools:
+    def _supported(self, cut: npt.NDArray[np.uint8]) -> Bools:
         """Return which pieces stand on the roots: by edges that hold, over pieces that stand."""
+        first, second = self._pairs
+        holds = self.stands[first] & self.stands[second]
+        holds &= np.bincount(self._pair[cut[self._crossing] == 0], minlength=len(first)) > 0
+        first, second = first[holds], second[holds]
         count = len(self._counts)
-        joins = (a != b) & (cut == 0) & self.stands[a] & self.stands[b]
-        pairs = np.unique(a[joins].astype(np.int64) * count + b[joins])
-        first, second = np.divmod(pairs, count)
         reached = np.zeros(count, np.bool_)
         reached[self.piece[self._roots]] = True
         if not reached.any():

@@ -156,7 +156,7 @@ class Solver:
             fades=self._fades(moment),
             seconds=self.seconds,
         )
-        frame = self._target_pose.recolored(frame)
+        frame = self._target_pose.finished(frame)
         self._lap("shape")
         if self._last_on == state.step:
             return frame

@@ -48,12 +48,11 @@ STYLES: dict[str, Style] = {
     "veins": Style(
         feed=0.046, kill=0.063,
         knobs={
-            "motif": "veins", "motif_size": 9.0, "relief": 4.2, "layers": 3, "size": 0.52,
+            "motif": "veins", "motif_size": 9.0, "relief": 2.9, "layers": 5, "thickness": 0.06,
             "ramp": (
-                (0.16, 0.01, 0.12), (0.46, 0.03, 0.20), (0.80, 0.10, 0.22), (0.98, 0.36, 0.34),
+                (0.16, 0.01, 0.12), (0.42, 0.02, 0.16), (0.66, 0.05, 0.15), (0.78, 0.12, 0.16),
             ),
-            "variation": 0.04, "jitter": 0.1, "tilt": 3.0, "gloss": 0.5, "occlusion": 0.3,
-            "shade": 0.55,
+            "gloss": 0.6, "shade": 0.7, "opacity": 0.97,
         },
     ),
     # a soft cover of small tilted leaves, thickest on top
@@ -70,12 +69,12 @@ STYLES: dict[str, Style] = {
     "crystals": Style(
         feed=0.0367, kill=0.0649,
         knobs={
-            "motif": "needles", "motif_size": 4.0, "relief": 20.0, "layers": 4, "size": 0.36,
-            "thickness": 0.06, "opacity": 0.96, "shade": 0.8, "gloss": 1.0,
-            "ramp": ((0.42, 0.36, 0.72), (0.66, 0.70, 1.0), (0.95, 0.98, 1.0)),
+            "motif": "needles", "motif_size": 5.0, "relief": 24.0, "layers": 5, "size": 0.42,
+            "thickness": 0.05, "opacity": 0.97, "shade": 0.9, "gloss": 0.8,
+            "ramp": ((0.30, 0.22, 0.58), (0.52, 0.50, 0.88), (0.80, 0.84, 1.0)),
             "tints": (
-                (1.0, 1.0, 1.0), (0.78, 0.95, 1.05), (0.95, 0.74, 1.1), (0.82, 0.80, 1.15),
-                (1.1, 1.05, 1.05),
+                (1.0, 1.0, 1.0), (0.62, 0.98, 1.0), (1.1, 0.62, 0.95), (0.72, 0.66, 1.15),
+                (1.2, 1.15, 1.05),
             ),
         },
     ),

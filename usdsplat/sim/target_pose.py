@@ -67,8 +67,9 @@ class TargetPose:
             and has_area(first.target)
         ):
             self._conform = TransportConform(
-                device, rest, carriers, ids=ids, select=select, order=first.order, parameters=p
-            )
+                device, rest, carriers, ids=ids, select=select, order=first.order, up=first.up,
+                parameters=p,
+            )  # fmt: skip
         else:
             self._conform = Conform(
                 device,
@@ -146,12 +147,11 @@ class TargetPose:
         """Factors of opacities at the time of the last pose, shape (n,), or None."""
         return self._conform.opacity() if isinstance(self._conform, Morph) else None
 
-    def recolored(self, frame: Frame) -> Frame:
-        """Return a frame at the time of the last pose with its colours."""
-        if not isinstance(self._conform, Morph):
+    def finished(self, frame: Frame) -> Frame:
+        """Return a frame at the time of the last pose with the look of splats on their way."""
+        if not isinstance(self._conform, TransportConform):
             return frame
-        sh = self._conform.recolored(frame.cloud.sh)
-        return replace(frame, cloud=replace(frame.cloud, sh=sh))
+        return self._conform.finished(frame)
 
     def append_children(self, parents: I64, state: State) -> None:
         """Bind children like their parents.

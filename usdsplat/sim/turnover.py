@@ -45,7 +45,8 @@ def accrete(parts: Parts, state: State, moment: Moment, step: Step) -> list[I64]
 
 
 def fill(parts: Parts, state: State, moment: Moment, now: float) -> bool:
-    """Fill the pieces that have broken off since the last time; return whether there are any.
+    """Fill the pieces that have broken off since the last time, and cut splats at their seams;
+    return whether there are any.
 
     Args:
         parts: Parts of the solver.
@@ -53,15 +54,16 @@ def fill(parts: Parts, state: State, moment: Moment, now: float) -> bool:
         moment: Values of the stage.
         now: Time since the simulation's start [s].
     """
-    filling = None if parts.matter is None else parts.matter.filling
-    if filling is None:
+    matter = parts.matter
+    if matter is None or matter.filling is None:
         return False
-    chosen, rows = filling.due(state, maximum=moment.parameters.sim.max_count)
-    if not len(rows):
+    filling = matter.filling
+    due = filling.due(state, matter.places(), maximum=moment.parameters.sim.max_count)
+    if not due:
         return False
-    population.append(state, rows, now=now)
-    filling.shape(state, chosen)
-    parts.target_pose.append_children(rows, state)
+    population.append(state, due.parents, now=now)
+    filling.shape(state, due)
+    parts.target_pose.append_children(due.parents, state)
     return True
 
 

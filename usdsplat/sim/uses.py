@@ -64,7 +64,7 @@ class Uses:
         turns = self.deforms or self.collides or self.coheres
         if turns or self.varies:
             found |= {"rotations", "scales", "sh"}
-        if self.joins:
+        if self.joins or self.transports or self.breaks:
             found.add("opacities")
         if self.sizes or self.dissolves or self.accretes:
             found.add("scales")

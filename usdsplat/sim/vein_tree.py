@@ -21,7 +21,7 @@ from usdsplat.sim.motifs import Look, drawn, noise, sites_of
 
 MURRAY = 1 / 2.4
 """Exponent of radii: 1/3 is Murray's, a larger one tells trunks from ends."""
-LEAST, MOST = 1.0, 3.6
+LEAST, MOST = 0.55, 2.6
 """Radii of ends, and largest radii, in distances of carriers."""
 MEANDER, JOIN = 1.5, 4.0
 """How much paths stray, and how much they prefer others, in distances of carriers."""
@@ -29,6 +29,8 @@ ROOTS = 4
 """About the largest number of trees."""
 THICKENING = 1.6
 """Time in which a vein takes its thickness [s]."""
+REACH = 1.2
+"""Distance at which carriers have splats of a thin vein, in distances of carriers."""
 NEAR = 6
 """Number of points on veins that a carrier looks at."""
 PARTS = 4
@@ -45,6 +47,18 @@ class _Tree:
     """Distance from it, in distances of carriers; inf for none."""
     arrival: F32
     """Time at which it gets there [s]."""
+    feet: F32
+    """Its nearest point [unit], shape (c, 3)."""
+    ways: F32
+    """Unit vectors along it there, shape (c, 3)."""
+
+    @classmethod
+    def nothing(cls, c: int) -> _Tree:
+        """Return a tree without veins for c carriers."""
+        none, zero = np.full(c, np.inf, np.float32), np.zeros((c, 3), np.float32)
+        return cls(
+            radius=np.zeros(c, np.float32), distance=none, arrival=none, feet=zero, ways=zero
+        )
 
 
 class Veins:
@@ -74,26 +88,24 @@ class Veins:
         self._costs = np.where(inside, np.inf, length * toll).astype(np.float32)
         self._own = own
         self._of: F32 | None = None
-        self._tree: _Tree | None = None
+        self.tree = _Tree.nothing(len(carriers))
+        """The veins, at the last time of `at`."""
+        self.radius = np.zeros(len(carriers), np.float32)
+        """Radius of the vein that each carrier has splats of, in distances of carriers, then."""
 
     def at(self, arrival: F32, now: float) -> Look:
         """Return the look at a time: veins run outwards with the front, and thicken."""
-        if self._tree is None or self._of is None or not np.array_equal(self._of, arrival):
-            self._tree, self._of = self._grown(arrival), arrival
-        tree = self._tree
+        if self._of is None or not np.array_equal(self._of, arrival):
+            self.tree, self._of = self._grown(arrival), arrival
+        tree = self.tree
         with np.errstate(invalid="ignore"):
             age = np.clip((now - tree.arrival) / THICKENING, 0, 1)
         radius = tree.radius * np.where(tree.arrival <= now, 0.45 + 0.55 * age, 0)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            across = np.where(radius > 0, tree.distance / radius, np.inf)
-        here = across < 1
-        tube = np.sqrt(np.clip(1 - across**2, 0, 1)) * radius / MOST
-        tone = np.clip(1 - across, 0, 1) * (0.6 + 0.4 * radius / MOST)
-        return Look(
-            rise=np.where(here, np.maximum(tube, 0.02), 0).astype(np.float32),
-            tone=np.where(here, tone, 0).astype(np.float32),
-            piece=np.zeros(len(arrival), np.int32),
-        )
+        with np.errstate(invalid="ignore"):
+            here = (radius > 0) & (tree.distance < np.maximum(radius, REACH))
+        self.radius = np.where(here, radius, 0).astype(np.float32)
+        part = self.radius / np.float32(MOST)
+        return Look(rise=part, tone=part, piece=np.zeros(len(arrival), np.int32))
 
     def _grown(self, arrival: F32) -> _Tree:
         """Return the tree for these times of arrival."""
@@ -103,8 +115,7 @@ class Veins:
         ways, parent = self._ways(arrival, roots[:: max(1, len(roots) // ROOTS)])
         rows = np.flatnonzero(parent >= 0)
         if not len(rows):
-            none = np.full(n, np.inf, np.float32)
-            return _Tree(radius=np.zeros(n, np.float32), distance=none, arrival=none)
+            return _Tree.nothing(n)
         flow = np.zeros(n)
         flow[self._ends[parent[self._ends] >= 0]] = 1
         for i in rows[np.argsort(-ways[rows], kind="stable")].tolist():
@@ -118,6 +129,9 @@ class Veins:
         radii = (wide[rows, None] + t * (wide[up] - wide[rows])[:, None]).ravel()
         begins = (times[rows, None] + t * (times[up] - times[rows])[:, None]).ravel()
         tree = np.ascontiguousarray(points.reshape(-1, 3), np.float32)
+        edge = places[up].astype(np.float64) - places[rows]
+        edge /= np.maximum(np.linalg.norm(edge, axis=1, keepdims=True), 1e-12)
+        ways_along = np.repeat(edge, PARTS, axis=0).astype(np.float32)
         near, apart = nearest(self._device, tree, c.positions, NEAR)
         apart = np.where(near >= 0, apart / np.float32(c.spacing), np.inf)
         near = np.maximum(near, 0)
@@ -128,6 +142,8 @@ class Veins:
             radius=radii[chosen].astype(np.float32),
             distance=np.where(c.outer, apart[every, best], np.inf).astype(np.float32),
             arrival=begins[chosen].astype(np.float32),
+            feet=tree[chosen],
+            ways=ways_along[chosen],
         )
 
     def _ways(self, arrival: F32, roots: I64) -> tuple[F32, I64]:

@@ -13,9 +13,11 @@ from usdsplat.kernels.sim.matrix import matrix_quat
 ZERO, ONE, HALF = np.float32(0), np.float32(1), np.float32(0.5)
 SIDES = 6
 """Facets around a needle."""
-SHOULDER = np.float32(0.68)
+ABREAST = 2
+"""Splats across a facet: one alone would look round."""
+SHOULDER = np.float32(0.76)
 """Part of the length where the point begins."""
-NARROWER = np.float32(0.35)
+NARROWER = np.float32(0.1)
 """Part of the radius that is lost up to there."""
 SUNK = np.float32(0.06)
 """Part of the length that is below the surface."""
@@ -32,7 +34,8 @@ def facets(
     """Place the splats of needles.
 
     The splats of a needle are numbered by the rank of their carrier and their layer; they share its
-    facets, and rows along its length.
+    facets, rows along its length, and the places across a facet. Each facet has one brightness, as
+    what is flat has.
 
     Args:
         rows: Rows of the splats in the arrays of the state, shape (d,) i64.
@@ -52,8 +55,9 @@ def facets(
     c = carrier[i]
     s = site[c]
     number = rank[c] * layers + layer[i]
-    steps = max((count[s] * layers) // SIDES, 1)
-    side, step = number % SIDES, min(number // SIDES, steps - 1)
+    steps = max((count[s] * layers) // (SIDES * ABREAST), 1)
+    side, step = number % SIDES, min(number // (SIDES * ABREAST), steps - 1)
+    abreast = np.float32((number // SIDES) % ABREAST) - HALF * np.float32(ABREAST - 1)
     part = grown[s]
     length = numbers[FULL] * lengths[s] * part
     radius = numbers[FULL] * radii[s] * math.sqrt(part)
@@ -73,14 +77,16 @@ def facets(
     ux, uy, uz = (ax - slope * rx) * scale, (ay - slope * ry) * scale, (az - slope * rz) * scale
     vx, vy, vz = uy * nz - uz * ny, uz * nx - ux * nz, ux * ny - uy * nx
     high, out = (at - SUNK) * length, apothem * narrow
-    positions[i, 0] = bases[s, 0] + high * ax + out * rx
-    positions[i, 1] = bases[s, 1] + high * ay + out * ry
-    positions[i, 2] = bases[s, 2] + high * az + out * rz
+    across = radius * narrow / np.float32(ABREAST)
+    aside = abreast * across
+    positions[i, 0] = bases[s, 0] + high * ax + out * rx + aside * vx
+    positions[i, 1] = bases[s, 1] + high * ay + out * ry + aside * vy
+    positions[i, 2] = bases[s, 2] + high * az + out * rz + aside * vz
     w, qx, qy, qz = matrix_quat((vx, ux, nx, vy, uy, ny, vz, uz, nz))
     rotations[i, 0], rotations[i, 1], rotations[i, 2], rotations[i, 3] = w, qx, qy, qz
     thin = numbers[THICKNESS]
-    scales[i, 0] = max(numbers[WIDEN] * radius * max(narrow, np.float32(0.15)), thin)
-    scales[i, 1] = max(np.float32(0.55) * length / np.float32(steps), thin)
+    scales[i, 0] = max(numbers[WIDEN] * across, thin)
+    scales[i, 1] = max(np.float32(0.6) * length / np.float32(steps), thin)
     scales[i, 2] = thin
     opacities[i] = numbers[OPACITY] if part > ZERO else ZERO
     last = ramp.shape[0] - 1
@@ -89,10 +95,11 @@ def facets(
     mix = place - np.float32(first)
     toward = HALF + HALF * (nx * light[0] + ny * light[1] + nz * light[2])
     toward *= toward
-    bright = ONE - numbers[SHADE] + numbers[SHADE] * (np.float32(0.2) + np.float32(1.2) * toward)
-    # the surroundings lie in the shadow of the needles
-    bright *= np.float32(0.45) + np.float32(0.55) * min(at * np.float32(2), ONE)
-    glint = numbers[GLOSS] * toward ** np.float32(4)
+    bright = ONE - numbers[SHADE] + numbers[SHADE] * (np.float32(0.12) + np.float32(1.35) * toward)
+    # facets of a crystal are not equally clear, and the surroundings lie in its shadow
+    bright *= np.float32(0.82) + np.float32(0.09) * np.float32((3 * s + 5 * side) % 5)
+    bright *= np.float32(0.4) + np.float32(0.6) * min(at * np.float32(2.5), ONE)
+    glint = numbers[GLOSS] * toward ** np.float32(9)
     for channel in range(3):
         color = ramp[first, channel] * (ONE - mix) + ramp[first + 1, channel] * mix
         colors[i, channel] = min(max(color * bright + glint, ZERO), np.float32(4))

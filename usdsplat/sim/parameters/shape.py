@@ -46,9 +46,10 @@ class ConformParameters:
     stagger: float = knob(
         1.0, "time between the start of the first splat and the last", unit="s", range=(0.0, INF)
     )
-    order: Literal["random", "distance"] = knob(
+    order: Literal["random", "distance", "height"] = knob(
         "distance",
-        "which splats start first: random ones, or those with the shortest way",
+        "which splats start first: random ones, those with the shortest way, or in mode transport "
+        "the upper ones, so that a front passes down; others then take the shortest way first",
         uniform=True,
     )
     order_primvar: str = knob(

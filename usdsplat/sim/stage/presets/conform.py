@@ -15,9 +15,10 @@ from usdsplat.sim.stage.trees import is_simulated
 TRANSPORT = {
     "carriers:count": 14000,
     "conform:weight": 1.0,
-    "conform:start": 0.5,
-    "conform:duration": 1.75,
-    "conform:stagger": 1.0,
+    "conform:start": 0.4,
+    "conform:duration": 0.9,
+    "conform:stagger": 1.9,
+    "conform:order": "height",
     "settle:omega": 30.0,
 }
 """Values of the presets that transport splats, which arrive before the last frame."""

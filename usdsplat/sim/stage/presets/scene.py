@@ -24,6 +24,8 @@ _ANGLE = 30.0
 """Vertical angle of view of the camera [degree]."""
 _ASIDE = (0.42, 0.3, 1.0)
 """Direction to the camera: along the side, up, and across."""
+_GREY = 0.4
+"""Colour of what pushes splats, where it is drawn: it must not draw the eye away from them."""
 LEAST, MOST = 5, 95
 """Percentiles at the ends of the box."""
 
@@ -128,9 +130,9 @@ def author_ball(
     not draw it, as its purpose is guide."""
     ball = UsdGeom.Sphere.Define(scene.stage, scene.parent.AppendChild("Ball"))
     as_guide(ball.GetPrim())
+    as_grey(ball)
     ball.CreateRadiusAttr(radius)
     ball.CreateExtentAttr([Gf.Vec3f(-radius), Gf.Vec3f(radius)])
-    ball.CreateDisplayColorAttr([Gf.Vec3f(0.12, 0.3, 0.6)])
     move = ball.AddTranslateOp()
     reach = 0.5 * float(scene.extent[scene.side]) + 1.5 * radius
     for frame, way in zip(frames, (-reach, reach), strict=True):
@@ -184,3 +186,8 @@ def author_goal(scene: Scene, goal: Usd.Stage) -> Usd.Prim:
 def as_guide(prim: Usd.Prim) -> None:
     """Give a prim the purpose guide: it acts on splats, but is not part of the picture."""
     UsdGeom.Imageable(prim).CreatePurposeAttr(UsdGeom.Tokens.guide)
+
+
+def as_grey(shape: UsdGeom.Gprim) -> None:
+    """Give a shape the grey of what pushes splats."""
+    shape.CreateDisplayColorAttr([Gf.Vec3f(_GREY)])

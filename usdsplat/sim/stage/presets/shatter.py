@@ -13,9 +13,14 @@ _THROUGH = 0.3
 """Part of the time in which the ball passes."""
 
 
+_CARRIERS = 72
+"""Carriers along a capture: a piece of stone has 8."""
+
+
 def _author(scene: Scene, sim: Usd.Prim, choice: Choice) -> None:
     assert choice.name is not None  # the option has a default
     author(sim, matter(scene, choice.name))
+    author(sim, {"carriers:spacing": scene.local(scene.size / _CARRIERS)})
     through = max(round(_THROUGH * scene.last), 2)
     ball = author_ball(scene, radius=0.12 * scene.size, frames=(FIRST, through), friction=0.1)
     # the pieces fall where it has passed

@@ -10,7 +10,7 @@ from pxr import Gf, Sdf, Usd, UsdGeom
 from usdsplat.sim.stage.authoring import author
 from usdsplat.sim.stage.presets.matter import material_option, matter
 from usdsplat.sim.stage.presets.preset import Choice, Preset
-from usdsplat.sim.stage.presets.scene import FIRST, Scene, as_guide, author_camera
+from usdsplat.sim.stage.presets.scene import FIRST, Scene, as_grey, as_guide, author_camera
 
 _HEIGHT = 0.6
 """Height of the figure, in sizes of the capture."""
@@ -145,7 +145,7 @@ class _Figure:
         """Place a shape, and let it push."""
         low, high = (Gf.Vec3f(*(sign * half).tolist()) for sign in (-1.0, 1.0))
         shape.CreateExtentAttr([low, high])
-        shape.CreateDisplayColorAttr([Gf.Vec3f(0.12, 0.3, 0.6)])
+        as_grey(shape)
         place = np.zeros(3)
         place[self._scene.up] = above * self._height
         shape.AddTranslateOp().Set(Gf.Vec3d(*place.tolist()))
