@@ -8,10 +8,11 @@ import pytest
 from tests.render.everything import CASES, drawn
 from tests.render.rendering import lens, random_cloud, random_transform, scene_of, view_of
 from usdsplat.core.cancel import Cancelled, CancelToken
-from usdsplat.kernels import cancellable, sort
+from usdsplat.kernels import cancellable, light_lanes, sort
 from usdsplat.kernels.cancellable import CancellableCpu
 from usdsplat.kernels.device import CpuDevice
 from usdsplat.kernels.launch import Kernel
+from usdsplat.kernels.lighting import illuminate
 from usdsplat.kernels.project import BLOCK
 from usdsplat.render.renderer import Renderer
 from usdsplat.render.settings import RenderSettings
@@ -131,4 +132,7 @@ def test_splats_of_equal_depth_are_sorted_in_one_part(monkeypatch, rows):
 
 def loops_of(kernel):
     """The compiled loops of a kernel."""
+    if kernel is light_lanes.shine:
+        several = light_lanes.locate, light_lanes.group, light_lanes.pass_tiles, illuminate
+        return [loop for each in several for loop in loops_of(each)]
     return kernel._loops.values() if isinstance(kernel, Kernel) else (kernel,)

@@ -22,7 +22,7 @@ BLOCKS = 48
 """Blocks of splats in a part, for each thread."""
 TILES = 96
 """Tiles in a part, at least, for each thread."""
-RECEIVERS = 1 << 12
+RECEIVERS = 1 << 13
 """Number of receivers of light in one launch, for each thread."""
 ROWS = 1 << 18
 """Splats in a part that only copies them, for each thread."""
