@@ -71,7 +71,7 @@ def test_a_piece_that_breaks_off_gets_an_inside(device) -> None:
     )  # fmt: skip
     filling = Infill(
         device, carriers, pieces, colors=np.full((c, 3), 0.5, np.float32),
-        up=np.array((0, 1, 0), np.float32), origin=np.zeros(c, np.int32), ids=np.arange(COUNT),
+        up=np.array((0, 1, 0), np.float32), parents=np.zeros(c, np.int64),
         size=8.0, seed=1,
     )  # fmt: skip
     most, places = 10**9, carriers.positions.copy()

@@ -111,8 +111,7 @@ class Infill:
         pieces: Its pieces.
         colors: Colour of each carrier, shape (c, 3).
         up: Unit vector upwards, shape (3,).
-        origin: The splat of the field that is nearest to each carrier, shape (c,).
-        ids: Identities of the field's splats.
+        parents: Identity of the splat of the field that is nearest to each carrier, shape (c,).
         size: Size of a piece, in distances of carriers.
         seed: Seed of the random numbers.
     """
@@ -125,20 +124,18 @@ class Infill:
         *,
         colors: F32,
         up: F32,
-        origin: I32,
-        ids: I64,
+        parents: I64,
         size: float,
         seed: int,
     ) -> None:
         self._device, self._carriers, self._pieces = device, carriers, pieces
-        self._parents = ids[origin]
+        self._parents = parents
         self._seams = Seams.of(device, carriers, pieces.piece)
         self._inside = _Inside(device, carriers)
         depths = self._inside.depths(THICK * size)
         self._fill = _filled(
             device, carriers, pieces.piece, self._seams, depths, colors, up, seed + SEED
         )
-
         self._nothing = Due(
             chosen=np.empty(0, np.int64), parents=np.empty(0, np.int64),
             seams=np.zeros(len(self._seams), np.bool_), is_first=False,

@@ -100,7 +100,7 @@ class MatterField:
             ids = np.arange(len(recipe.rest)) if recipe.rest.ids is None else recipe.rest.ids
             self.filling = Infill(
                 device, carriers, self.matter.pieces, colors=colors,
-                up=np.asarray(first.up, np.float32), origin=rows, ids=ids, size=knobs.grain,
+                up=np.asarray(first.up, np.float32), parents=ids[rows], size=knobs.grain,
                 seed=first.parameters.sim.seed,
             )  # fmt: skip
 
