@@ -45,7 +45,7 @@ def buffers(_name, shape, dtype):
     return np.empty(shape, dtype)
 
 
-def scene(rng, device, *, parallel):
+def scene(rng, device, *, parallel, casts=(1, 1), own=1):
     """The arguments of `shine` before `get`, with receivers all over the picture."""
     casters, tiles = listed(rng, device)
     light = np.zeros(1, lighting.LIGHT)
@@ -65,8 +65,8 @@ def scene(rng, device, *, parallel):
     views["is_parallel"] = parallel
     matrix, lit = np.ascontiguousarray(np.eye(4)[:3]), lighting.ONE_PRIM
     return (
-        light, points, normals, shapes, lighting.NO_PRIMS, lit, 1, matrix, views,
-        (casters, np.ones(2, np.uint8)), tiles, np.empty((0, 0), np.float32),
+        light, points, normals, shapes, lighting.NO_PRIMS, lit, own, matrix, views,
+        (casters, np.array(casts, np.uint8)), tiles, np.empty((0, 0), np.float32),
     )  # fmt: skip
 
 
@@ -96,6 +96,18 @@ def test_sixteen_casters_at_a_time_pass_what_each_does(parallel):
     np.testing.assert_allclose(found, expected, atol=1e-6)
     dark, lit = expected[:, 0] == 0, expected[:, 0] == 1
     assert dark.sum() > 100 and lit.sum() > 100 and (~dark & ~lit).sum() > 1000
+
+
+@pytest.mark.parametrize("casts", [(1, 0), (0, 1), (0, 0)])
+def test_appearances_that_cast_nothing_are_left_out(casts):
+    """Oracle: the form of one caster after the other; without any caster all is lit."""
+    device = open_device("cpu")
+    args = scene(np.random.default_rng(6), device, parallel=True, casts=casts, own=-1)
+    expected, found = (np.zeros((len(args[1]), lighting.SUMS), np.float32) for _ in range(2))
+    device.run(lighting.illuminate, *args, light_lanes.NO_THROUGH, expected)
+    device.run(light_lanes.shine, *args, buffers, found)
+    np.testing.assert_allclose(found, expected, atol=1e-6)
+    assert (expected[:, 0] == 0).any() == any(casts)
 
 
 def test_a_receiver_does_not_depend_on_those_beside_it(monkeypatch):

@@ -44,7 +44,7 @@ class RenderSettings:
     splat_budget: int = knob(
         0,
         "maximum number of splats in a view; those with the smallest opacity times size are left "
-        "out; 0 draws all",
+        "out; nodes of splat trees that fade into their children come on top; 0 draws all",
         range=(0, 2**31 - 1),
     )
     lod_error: float = knob(

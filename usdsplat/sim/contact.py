@@ -107,7 +107,7 @@ class Contacts:
         if not len(bodies) or not len(state):
             return ContactCounts()
         flags, device = state.flags, self._device
-        if weight is not None and weight.min() <= 0:
+        if weight is not None and not (weight > 0).all():
             flags = np.where(weight > 0, flags, flags | np.uint32(PINNED))
         particles = Particles(
             flags=flags, sizes=self._sizes(state), positions=device.copied(state.positions),

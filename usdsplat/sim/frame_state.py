@@ -43,7 +43,7 @@ class FrameEvaluator:
         state: State,
         moment: Moment,
         wanted: F32,
-        gradient: F32 | None,
+        gradient: Any,
         *,
         normals: F32,
         crowding: F32,
@@ -55,9 +55,10 @@ class FrameEvaluator:
         Args:
             state: Its rotations, scales, opacities and harmonics are updated.
             moment: Values of the stage at the time.
-            wanted: Target positions [unit], shape (n, 3).
-            gradient: Gradient of the deformation from rest to there, shape (n, 3, 3); None without
-                any.
+            wanted: Target positions [unit], shape (n, 3); they count with strain only.
+            gradient: Gradient of the deformation from rest, shape (n, 3, 3), None without any: with
+                strain, to the target positions, an array of the host; else to where splats are,
+                of the host or of the device.
             normals: Normals at rest, shape (n, 3).
             crowding: Number of neighbours relative to the target, shape (n,); empty if no driver
                 needs it.

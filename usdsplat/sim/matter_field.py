@@ -160,13 +160,14 @@ class MatterField:
         state.positions, state.velocities = map(device.publish, (positions, velocities))
 
     def carried(self, state: State, moment: Moment, wanted: F32, gradient: F32 | None) -> Any:
-        """Return gradients with the motion of the matter, an array of the device.
+        """Return the gradients of the deformation from rest to the splats that follow the matter,
+        shape (n, 3, 3), an array of the device.
 
         Args:
             state: The splats.
             moment: Values of the stage now.
             wanted: Target positions [unit], shape (n, 3).
-            gradient: Gradients of the deformation so far, shape (n, 3, 3); None without any.
+            gradient: Gradients of the deformation to there, shape (n, 3, 3); None without any.
         """
         device = self._device
         if gradient is None:

@@ -58,6 +58,30 @@ def test_a_key_is_at_the_time_that_was_asked_for_whatever_the_rate(rate):
         edits.follow_rate()
 
 
+def test_keys_that_were_there_keep_their_time_when_the_layer_gets_its_rate():
+    """Oracle: the times that USD gives before, when it takes the layer for one of 24."""
+    stage = rich()
+    stage.SetTimeCodesPerSecond(48.0)
+    with Usd.EditContext(stage, stage.GetSessionLayer()):
+        stage.GetAttributeAtPath("/World/Ball.radius").Set(3.5, 10.0)
+    before = stage.GetAttributeAtPath("/World/Ball.radius").GetTimeSamples()
+    assert not Edits(stage).has_unsaved
+    assert stage.GetSessionLayer().timeCodesPerSecond == 48.0
+    assert stage.GetAttributeAtPath("/World/Ball.radius").GetTimeSamples() == before
+
+
+def test_a_reload_at_another_rate_leaves_nothing_to_be_saved():
+    """Oracle: the window's question; nobody has edited anything."""
+    stage = rich()
+    edits = Edits(stage)
+    stage.GetRootLayer().timeCodesPerSecond = 30.0
+    edits.follow_rate()
+    edits.set_visible("/World/Ball", False)
+    assert edits.has_unsaved
+    assert edits.undo()
+    assert not edits.has_unsaved
+
+
 @pytest.mark.parametrize("seed", range(6))
 def test_undo_and_redo_restore_the_layer_to_the_letter(seed):
     """Oracle: the session layer's own text after each of many edits in a random order."""

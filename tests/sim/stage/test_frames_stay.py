@@ -17,7 +17,10 @@ from usdsplat.products.presets import make_stage
 from usdsplat.sim.stage.simulation import Simulation
 from usdsplat.sim.state import Frame
 
-CASES = ("grow", "push", "push rubber", "push stone", "wade", "morph", "dissolve")
+CASES = (
+    "grow", "grow crystals", "grow veins", "push", "push rubber", "push stone", "wade", "shatter",
+    "morph", "dissolve",
+)  # fmt: skip
 COUNT = 1_000
 FRAMES = 32
 
@@ -42,11 +45,12 @@ def test_a_frame_does_not_change_while_the_simulation_goes_on(
 ) -> None:
     """Oracle: the bytes of each frame when it was made. State and frames share arrays, so every
     stage must replace what it changes."""
-    preset, _, material = case.partition(" ")
+    preset, _, form = case.partition(" ")
     cloud = formats.read(data / "splats" / "statue_massa.sog").cloud
     rows = np.sort(np.random.default_rng(0).choice(len(cloud), COUNT, replace=False))
     formats.write(edit.take(cloud, rows), tmp_path / "a.ply")
-    options: dict[str, str | None] = {"material": material} if material else {}
+    option = "style" if preset == "grow" else "material"
+    options: dict[str, str | None] = {option: form} if form else {}
     if preset == "morph":
         other = formats.read(data / "splats" / "pod.spz").cloud
         formats.write(edit.take(other, np.arange(0, len(other), 100)), tmp_path / "b.ply")

@@ -39,6 +39,10 @@ HERE = "usdsplat.kernels.cuda"
 TOOLS = ("numba.", "cuda.")
 """Prefixes of the modules of GPU drivers and compilers."""
 
+PUBLISHED = 1 << 30
+"""Total size of GPU arrays that are held for what they were published as [byte]. A running
+simulation publishes some for every frame, and a window keeps the frames."""
+
 Form = Callable[..., Any]
 
 
@@ -101,6 +105,8 @@ class CudaDevice:
         self._pinned, self._rings = PinnedPool(), Rings(self.stream)
         self._constants = Constants(self.stream)
         self._kept: dict[int, tuple[weakref.ref[Any], Any]] = {}
+        self._published: dict[int, int] = {}
+        """id(array) -> size [byte] of what `publish` holds, least recently used first."""
         self._lent: dict[tuple[int, str], Any] = {}
 
     def upload(self, array: npt.NDArray[Any]) -> npt.NDArray[Any]:
@@ -140,12 +146,17 @@ class CudaDevice:
         return out
 
     def publish(self, array: Any) -> npt.NDArray[Any]:
-        """Return a GPU array on the host, see `fetch`. A later `keep` of the result costs nothing.
-        Neither array may change."""
+        """Return a GPU array on the host, see `fetch`. A later `keep` of the result costs nothing,
+        as long as no more than PUBLISHED was published or used since. Neither array may change."""
         if isinstance(array, np.ndarray):
             return array
         out = self.fetch(array)
         self._remember(out, array)
+        self._published[id(out)] = out.nbytes
+        while sum(self._published.values()) > PUBLISHED and len(self._published) > 1:
+            oldest = next(iter(self._published))
+            self._published.pop(oldest)
+            self._kept.pop(oldest, None)
         return out
 
     def empty(self, shape: int | tuple[int, ...], dtype: Any) -> npt.NDArray[Any]:
@@ -241,6 +252,7 @@ class CudaDevice:
         """Release everything that is kept, and arrays released earlier, which Numba frees with a
         delay."""
         self._kept.clear()
+        self._published.clear()
         self._lent.clear()
         self._pinned.clear()
         self._rings.clear()
@@ -254,14 +266,24 @@ class CudaDevice:
 
     def _remember(self, array: npt.NDArray[Any], copy: Any) -> Any:
         """Cache the copy of an array for `keep`, for the lifetime of the array."""
-        kept, key = self._kept, id(array)
-        kept[key] = weakref.ref(array, lambda _: kept.pop(key, None)), copy
+        kept, published, key = self._kept, self._published, id(array)
+
+        def forget(_: Any) -> None:
+            kept.pop(key, None)
+            published.pop(key, None)
+
+        kept[key] = weakref.ref(array, forget), copy
         return copy
 
     def _kept_copy(self, array: npt.NDArray[Any]) -> Any:
         """Return the copy of an array that is kept, or None."""
-        found = self._kept.get(id(array))
-        return found[1] if found is not None and found[0]() is array else None
+        key = id(array)
+        found = self._kept.get(key)
+        if found is None or found[0]() is not array:
+            return None
+        if key in self._published:
+            self._published[key] = self._published.pop(key)
+        return found[1]
 
     def _drop(self, value: Any) -> None:
         """Drop the copies of host arrays that a kernel writes."""
@@ -270,6 +292,7 @@ class CudaDevice:
                 self._drop(each)
         elif isinstance(value, np.ndarray) and value.flags.writeable:
             self._kept.pop(id(value), None)
+            self._published.pop(id(value), None)
 
     def _arrive(self, array: npt.NDArray[Any], is_changed: bool) -> Any:
         """Return a copy of a host array for one launch, which may change it."""

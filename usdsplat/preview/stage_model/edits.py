@@ -22,6 +22,7 @@ from usdsplat.preview.stage_model.attribute_values import parameter_of, taken
 from usdsplat.preview.stage_model.history import History, Snapshot, Step
 from usdsplat.preview.stage_model.placing import EDIT, author_edit, code_of, edit_of
 from usdsplat.render.specs import Matrix
+from usdsplat.schema.layer_times import scale_times
 from usdsplat.sim.parameters import NAMESPACE
 from usdsplat.sim.stage.authoring import declare, usd_value
 
@@ -35,20 +36,25 @@ class Edits:
     def __init__(self, stage: Usd.Stage) -> None:
         self.stage = stage
         self.layer = stage.GetSessionLayer()
+        self._kept, self._has_unsaved = _said(self.layer), False
+        before = self.layer.timeCodesPerSecond
         self.follow_rate()
+        scale_times(self.layer, self.layer.timeCodesPerSecond / before)
+        self._kept = _said(self.layer)
         self._history = History(self.layer)
         self._saved = self._compared = self._history.state
         """States of the history when the edits were saved, and when they were last compared."""
-        self._kept, self._has_unsaved = _said(self.layer), False
 
     def follow_rate(self) -> None:
         """Give the layer the rate of the stage's own layers, so that a key at a time of the stage
         is at this time: USD scales the times of a layer with another rate, or without one."""
-        if self.layer.HasTimeCodesPerSecond():
-            self.layer.ClearTimeCodesPerSecond()
-        rate = self.stage.GetTimeCodesPerSecond()
-        if rate != self.layer.timeCodesPerSecond:
-            self.layer.timeCodesPerSecond = rate
+        rate = self.stage.GetRootLayer().timeCodesPerSecond
+        if rate == self.layer.timeCodesPerSecond == self.stage.GetTimeCodesPerSecond():
+            return
+        is_said = not self._has_unsaved and self._kept == _said(self.layer)
+        self.layer.timeCodesPerSecond = rate
+        if is_said:  # the rate is none of the user's edits
+            self._kept = _said(self.layer)
 
     @property
     def has_unsaved(self) -> bool:

@@ -15,6 +15,7 @@ from tests.kernels.test_launch import (  # noqa: F401  # pytest collects them he
     test_what_a_kernel_writes_comes_back_and_the_rest_is_not_copied,
     values,
 )
+from usdsplat.kernels.cuda import device as cuda_device
 from usdsplat.kernels.cuda import transfers
 from usdsplat.kernels.cuda.device import CudaDevice
 from usdsplat.kernels.cuda.transfers import PinnedPool
@@ -66,6 +67,20 @@ def test_kernels_read_what_is_kept_and_writing_drops_it() -> None:
     again = device.keep(here)
     assert again is not kept
     np.testing.assert_array_equal(device.fetch(again), 2 * out)
+
+
+def test_what_is_published_is_held_up_to_a_limit(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Oracle: which copies are there, by the order of their use. A window keeps all frames."""
+    monkeypatch.setattr(cuda_device, "PUBLISHED", 3 * values().nbytes)
+    device = CudaDevice()
+    there = [device.move(values()) for _ in range(3)]
+    frames = [device.publish(each) for each in there]
+    assert device.keep(frames[0]) is there[0]  # used last
+    frames += [device.publish(device.move(values())) for _ in range(2)]
+    held = [device._kept_copy(each) is not None for each in frames]
+    assert held == [True, False, False, True, True]
+    frames.clear()
+    assert not device._kept and not device._published
 
 
 def test_a_copy_changes_alone() -> None:

@@ -15,6 +15,7 @@ from pxr import Sdf, Usd, UsdGeom
 
 from usdsplat.core.errors import StageError, UsageError
 from usdsplat.core.readable import check_referable
+from usdsplat.schema.layer_times import scale_times
 from usdsplat.schema.lod_roots import find_roots
 from usdsplat.schema.stage_values import stage_unit, up_axis
 from usdsplat.schema.usd_files import export_layer
@@ -98,7 +99,7 @@ def author_preset(
     root = stage.GetRootLayer()
     if edits is not None:
         root.TransferContent(edits)
-        _scale_times(root, RATE / edits.timeCodesPerSecond)
+        scale_times(root, RATE / edits.timeCodesPerSecond)
     root.subLayerPaths.append(str(file))
     UsdGeom.SetStageUpAxis(stage, up_axis(capture))
     UsdGeom.SetStageMetersPerUnit(stage, stage_unit(capture))
@@ -121,21 +122,6 @@ def author_preset(
             layer = used.GetRootLayer().realPath
             copy.UpdateCompositionAssetDependency(layer, _relative(Path(layer), final.parent))
     export_layer(copy, final)
-
-
-def _scale_times(layer: Sdf.Layer, factor: float) -> None:
-    """Scale the times of all samples of a layer, as USD does for a sublayer of another rate."""
-
-    def scale(path: Sdf.Path) -> None:
-        times = layer.ListTimeSamplesForPath(path) if path.IsPropertyPath() else []
-        samples = {time: layer.QueryTimeSample(path, time) for time in times}
-        for time in samples:
-            layer.EraseTimeSample(path, time)
-        for time, value in samples.items():
-            layer.SetTimeSample(path, factor * time, value)
-
-    if factor != 1.0:
-        layer.Traverse(Sdf.Path.absoluteRootPath, scale)
 
 
 def _only_field(capture: Usd.Stage) -> Usd.Prim:
