@@ -106,13 +106,65 @@ def test_splats_end_at_the_seams_that_open(device) -> None:
     sizes = np.full((3, 3), 0.1, np.float32) * np.array([1, 2, 0.2], np.float32)
     shapes, sides = (places, turns, sizes), (places[:, 0] > 0).astype(np.int32)
     shut = np.zeros(len(seams), np.bool_)
-    assert not len(seams.cut(device, shut, sides, carriers.spacing, shapes)[0])
-    rows, (at, rotations, scales), gone = seams.cut(device, ~shut, sides, carriers.spacing, shapes)
+    rest = sides, carriers.spacing, shapes
+    assert not len(seams.cut(device, shut, shut, *rest)[0])
+    assert not len(seams.cut(device, ~shut, shut, *rest)[0])
+    rows, (at, rotations, scales), gone = seams.cut(device, ~shut, ~shut, *rest)
     assert rows.tolist() == [0, 2] and not gone.any()
     axes = to_matrix(rotations) * scales[:, None]
     sigma = np.sqrt((axes[:, 0] ** 2).sum(axis=1))
     inside = np.where(sides[rows] == 1, at[:, 0], -at[:, 0])
     assert (inside > 1.5 * sigma).all() and (inside > np.abs(places[rows, 0])).all()
+
+
+def straight(count: int) -> Seams:
+    """A seam along x with a point at every unit, between piece 0 below y = 0 and piece 1 above."""
+    at = np.zeros((2 * count, 3), np.float32)
+    at[:, 0] = np.tile(np.arange(count), 2)
+    own = np.repeat([0, 1], count)
+    normals = np.zeros_like(at)
+    normals[:, 1] = 1 - 2 * own
+    rows = np.arange(2 * count)
+    return Seams(
+        carriers=rows, beyond=np.roll(rows, count), own=own, other=1 - own, positions=at,
+        normals=normals,
+    )  # fmt: skip
+
+
+def test_a_point_cuts_what_is_beside_it(device) -> None:
+    """Oracle: the distance along the seam: with one point open, a splat beside it is cut, one
+    beyond it vanishes, and those 6 distances further keep every bit; also where the seam ends."""
+    places = np.float32([(4, -0.1, 0), (4, 0.5, 0), (10, -0.1, 0), (10, 0.5, 0), (-6, 0.5, 0)])
+    turns = np.tile(np.float32([1, 0, 0, 0]), (len(places), 1))
+    shapes = places, turns, np.full((len(places), 3), 0.2, np.float32)
+    piece = np.zeros(len(places), np.int32)
+    for chosen, cut, vanished in (([4], [0, 1], [False, True]), ([0], [], [])):
+        seams, open_ = straight(9 + 3), np.zeros(24, np.bool_)
+        open_[chosen] = True
+        rows, _, gone = seams.cut(device, open_, open_, piece, 1.0, shapes)
+        assert rows.tolist() == cut and gone.tolist() == vanished
+
+
+def test_shapes_do_not_depend_on_when_points_open(device) -> None:
+    """Oracle: all points at once, for random splats: the last result for each has the same bits,
+    whatever the order of opening was."""
+    seams, rng = straight(9), np.random.default_rng(3)
+    places = np.float32(rng.uniform((0, -1, -0.3), (8, 0.2, 0.3), (200, 3)))
+    turns = rng.normal(size=(200, 4)).astype(np.float32)
+    turns /= np.linalg.norm(turns, axis=1, keepdims=True)
+    shapes = places, turns, np.float32(rng.uniform(0.05, 0.6, (200, 3)))
+    piece, every = np.zeros(200, np.int32), np.ones(18, np.bool_)
+    rows, made, _ = seams.cut(device, every, every, piece, 1.0, shapes)
+    assert 50 < len(rows) < 200
+    found, open_ = [each.copy() for each in shapes], np.zeros(18, np.bool_)
+    for point in rng.permutation(9):
+        fresh = np.arange(18) % 9 == point
+        open_ |= fresh
+        some, shaped, _ = seams.cut(device, open_, fresh, piece, 1.0, shapes)
+        for array, values in zip(found, shaped, strict=True):
+            array[some] = values
+    for array, values in zip(found, made, strict=True):
+        assert np.array_equal(array[rows], values)
 
 
 def test_pieces_are_filled_once(broken) -> None:

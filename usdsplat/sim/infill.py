@@ -65,6 +65,10 @@ FILLING = "filling:is"
 """In `State.memory`: 1 for the filling, 0 for other splats, uint8, shape (n,)."""
 OPENED = "filling:seams"
 """In `State.globals`: 1 for points of seams that have opened."""
+CAPTURED = "filling:captured"
+"""In `State.memory`: captured splats before they were cut, float32, shape (n, 10): position less
+that at rest now, rotation, scales; rotation 0 where nothing is kept yet. Splats grow and have
+children, which the differences of positions follow."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -228,11 +232,25 @@ class Infill:
         piece[captured] = self._pieces.piece[memory[NEAR][captured, 0]]
         shapes = state.rest_positions, state.rest_rotations, state.rest_scales
         rows, made, gone = self._seams.cut(
-            self._device, due.seams, piece, self._carriers.spacing, shapes
-        )
+            self._device, state.globals[OPENED] > 0, due.seams, piece, self._carriers.spacing,
+            _captured(state),
+        )  # fmt: skip
+        kept = memory[CAPTURED]
+        kept[rows, :3] += shapes[0][rows] - made[0]
         for array, values in zip(shapes, made, strict=True):
             array[rows] = values
         state.rest_opacities[rows[gone]] = 0
+
+
+def _captured(state: State) -> tuple[F32, F32, F32]:
+    """Return positions, rotations and scales of splats at rest before they were cut, and keep what
+    is not kept yet."""
+    kept = state.memory.setdefault(CAPTURED, np.zeros((len(state), 10), np.float32))
+    fresh = ~kept[:, 3:7].any(axis=1)
+    kept[fresh, :3] = 0
+    kept[fresh, 3:7] = state.rest_rotations[fresh]
+    kept[fresh, 7:] = state.rest_scales[fresh]
+    return _f32(state.rest_positions + kept[:, :3]), _f32(kept[:, 3:7]), _f32(kept[:, 7:])
 
 
 class _Inside:
