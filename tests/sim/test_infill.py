@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import itertools
 
 import numpy as np
@@ -13,7 +14,7 @@ from usdsplat.kernels.device import CpuDevice
 from usdsplat.kernels.devices import open_device
 from usdsplat.sim import population
 from usdsplat.sim.carriers import NEAR, Carriers
-from usdsplat.sim.infill import Infill
+from usdsplat.sim.infill import OPENED, Infill
 from usdsplat.sim.parameters import AffectorParameters
 from usdsplat.sim.pieces import Pieces
 from usdsplat.sim.seams import Seams
@@ -57,9 +58,8 @@ def test_nothing_is_filled_at_first(broken) -> None:
             assert np.array_equal(getattr(broken[0].cloud, name), getattr(rest, name))
 
 
-def test_a_piece_that_breaks_off_gets_an_inside(device) -> None:
-    """Oracle: the ball: new splats are below its surface, under their piece, and follow it; and
-    they are there once."""
+def whole(device: CpuDevice) -> tuple[State, Carriers, Pieces, Infill]:
+    """A ball of stone in pieces, and what fills them."""
     rest = ball(COUNT)
     state = State.of(rest, np.ones(COUNT, np.float32))
     carriers = Carriers.of(device, rest, distance=0.09, seed=1)
@@ -74,6 +74,13 @@ def test_a_piece_that_breaks_off_gets_an_inside(device) -> None:
         up=np.array((0, 1, 0), np.float32), parents=np.zeros(c, np.int64),
         size=8.0, seed=1,
     )  # fmt: skip
+    return state, carriers, pieces, filling
+
+
+def test_a_piece_that_breaks_off_gets_an_inside(device) -> None:
+    """Oracle: the ball: new splats are below its surface, under their piece, and follow it; and
+    they are there once."""
+    state, carriers, pieces, filling = whole(device)
     most, places = 10**9, carriers.positions.copy()
     pieces.stands[3] = False
     assert not filling.due(state, places, maximum=most)  # loose, but it has not moved
@@ -89,6 +96,27 @@ def test_a_piece_that_breaks_off_gets_an_inside(device) -> None:
     middle = carriers.positions[pieces.piece == 3].mean(axis=0)
     assert own.sum() > 50 and np.linalg.norm(at[own] - middle, axis=1).max() < 8 * 0.09
     assert not filling.due(state, places, maximum=most)
+
+
+def test_seams_open_as_a_whole_or_not_yet(device) -> None:
+    """Oracle: the filling without a limit: with half of its room fewer seams open, each with all of
+    its points, and later the others, with the same filling in all; without room none opens, and
+    nothing is cut."""
+    state, carriers, pieces, filling = whole(device)
+    seams, places = Seams.of(device, carriers, pieces.piece), 1.5 * carriers.positions
+    pieces.stands[:] = False
+    everything = filling.due(copy.deepcopy(state), places, maximum=10**9)
+    wanted = len(everything.chosen)
+    assert not filling.due(state, places, maximum=COUNT) and not state.globals[OPENED].any()
+    first = filling.due(state, places, maximum=COUNT + wanted // 2)
+    assert 0 < len(first.chosen) <= wanted // 2
+    pair = np.sort(np.stack([seams.own, seams.other], axis=1), axis=1)
+    shut = everything.seams & ~first.seams
+    assert shut.any() and not set(map(tuple, pair[shut])) & set(map(tuple, pair[first.seams]))
+    second = filling.due(state, places, maximum=10**9)
+    assert np.array_equal(second.seams, shut) and not second.is_first
+    both = np.concatenate([first.chosen, second.chosen])
+    assert np.array_equal(np.sort(both), everything.chosen)
 
 
 def test_splats_end_at_the_seams_that_open(device) -> None:
