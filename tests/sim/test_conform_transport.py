@@ -7,11 +7,15 @@ import pytest
 
 from tests.sim.recipes import Written, always, ball, knobs, played, started
 from tests.sim.shapes import sheet, sphere
+from usdsplat.core import edit
 from usdsplat.core.cloud import SplatCloud
 from usdsplat.kernels.device import CpuDevice
 from usdsplat.kernels.devices import open_device
 from usdsplat.kernels.points.nearest import nearest
+from usdsplat.sim.carriers import Carriers
+from usdsplat.sim.conform_transport import TransportConform
 from usdsplat.sim.specs import Surface
+from usdsplat.sim.state import Frame
 
 SOON = {"weight": 1.0, "duration": 0.0, "stagger": 0.0, "keep_thickness": 0.0}
 ROD = np.float32([0.4, 2.0, 0.4])
@@ -187,3 +191,40 @@ def test_a_cloud_is_not_changed(device):
     arrived(device, rest, sphere(2, 1.5))
     assert isinstance(rest, SplatCloud)
     assert all(np.array_equal(before[name], getattr(rest, name)) for name in names)
+
+
+def test_the_look_in_flight_follows_births_and_deaths(device):
+    """Oracle: the parents: before the next pose children have their progress, and other rows their
+    own; without a target all look as they do at rest; after arrival it is exactly 1, which is no
+    flight, also with weights."""
+    rest, target = ball(300), sphere(3, 2.0)
+    carriers = Carriers.of(device, rest, seed=1)
+    rng = np.random.default_rng(6)
+    select = np.float32(rng.uniform(0.1, 1, 300))
+    slow = knobs(conform={**SOON, "weight": 0.7, "duration": 1.0, "stagger": 1.0})
+    ids = np.arange(300)
+    conform = TransportConform(
+        device, rest, carriers, ids=ids, select=select, order=np.float32(ids / 299), up=(0, 1, 0),
+        parameters=slow,
+    )  # fmt: skip
+
+    def shown(now, some, rows):
+        clouds = edit.take(rest, rows)
+        return some.finished(
+            Frame(time=now, cloud=clouds, uv=np.zeros((0, 2)), births=np.zeros(0))
+        ).cloud
+
+    conform.apply(target, 1.0, slow.conform, rest.positions.copy())
+    whole = shown(1.0, conform, ids)
+    assert (whole.scales != rest.scales).any()
+    rows = np.concatenate([ids[::3], ids[:50]])
+    for found in (conform.selected(rows), conform.selected(ids[::3]).extended(
+        np.arange(5), rest.positions[:5], rest.rotations[:5], rest.scales[:5], ids[:5]
+    )):  # fmt: skip
+        own = rows if len(found) == len(rows) else np.concatenate([ids[::3], ids[:15:3]])
+        assert np.array_equal(shown(1.0, found, own).scales, whole.scales[own])
+    conform.apply(target, 5.0, slow.conform, rest.positions.copy())
+    assert shown(5.0, conform, ids).scales.tobytes() == rest.scales.tobytes()
+    conform.apply(target, 1.0, slow.conform, rest.positions.copy())
+    conform.pause()
+    assert shown(1.0, conform, ids).scales.tobytes() == rest.scales.tobytes()

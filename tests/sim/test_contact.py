@@ -181,6 +181,40 @@ def test_boxes_and_planes() -> None:
     assert ((state.positions.astype(np.float64) - place) @ turn)[:, 2].min() >= -1e-6
 
 
+@pytest.mark.parametrize("clearance", [0.0, 2.0])
+def test_what_a_ball_presses_into_the_ground_comes_out(clearance: float) -> None:
+    """Oracle: distances from the ball and the ground; and lengths: nothing goes further than the
+    solids are large. The shortest way out of the lower half of the ball leads into the ground."""
+    rng = np.random.default_rng(8)
+    points = np.float32(rng.uniform(-0.6, 0.6, (4000, 3))) * np.float32([1, 0, 1])
+    points[:500, 1] = rng.uniform(-0.9, 0, 500)
+    points[500:600] = 0
+    ground = affector("plane", (0, 0, 0), placed(turn=rotation((1, 0, 0), -np.pi / 2)))
+    for height in (0.0, 0.1, 0.5):
+        at = placed((0, height, 0))
+        knobs = {"blend": 0.03, "clearance": clearance}
+        solids = [ground, affector("sphere", (0.6, 0, 0), at, path="/ball", **knobs)]
+        state = state_at(points)
+        counts = step(state, solids, solids)
+        found = state.positions.astype(np.float64)
+        assert counts.trapped == 0 and counts.marched > 0
+        assert np.isfinite(found).all() and np.abs(found).max() < 3
+        assert found[:, 1].min() > -1e-6
+        assert np.linalg.norm(found - (0, height, 0), axis=1).min() > 0.6 - 1e-6
+
+
+def test_what_has_no_way_out_stays_near() -> None:
+    """Oracle: lengths: between two planes that face each other nothing is outside, and nothing goes
+    further than it is deep."""
+    up, down = (placed(turn=rotation((1, 0, 0), turn * np.pi / 2)) for turn in (-1, 1))
+    solids = [affector("plane", matrix=up), affector("plane", matrix=down, path="/b")]
+    points = np.random.default_rng(2).uniform(-1, 1, (50, 3))
+    state = state_at(points)
+    counts = step(state, solids, solids)
+    assert counts.touched == counts.trapped == 50
+    assert np.linalg.norm(state.positions - np.float32(points), axis=1).max() < 4
+
+
 def test_a_mesh_pushes_like_the_ball_it_is() -> None:
     """Oracle: the ball, within a voxel's error of curvature: h²/(8 r) of interpolation, as much of
     the chords, and the bound of the field's far part where it is deep."""

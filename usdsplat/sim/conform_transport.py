@@ -67,6 +67,7 @@ class TransportConform:
     ) -> None:
         self._up = up
         self._part = np.zeros(len(select), np.float32)
+        """Progress of each splat at the last pose, 0 before its start and 1 when it has arrived."""
         self._device, self._carriers = device, carriers
         self._rest, self._ids, self._order = rest, ids, order
         self._parameters = parameters
@@ -117,7 +118,7 @@ class TransportConform:
 
     def _select_rows(self, rows: Rows) -> None:
         """Keep these rows only."""
-        self._select = self._select[rows]
+        self._select, self._part = self._select[rows], self._part[rows]
         if self._carrying is not None:
             self._ranks = self._ranks[rows]
             self._bound = self._bound.selected(rows)
@@ -136,6 +137,7 @@ class TransportConform:
     def restore(self, memory: dict[str, npt.NDArray[Any]]) -> None:
         """Restore the result of `memory`, for any number of splats, bit for bit."""
         self._select = memory["select"]
+        self._part = np.zeros(len(self._select), np.float32)
         if "ranks" not in memory:
             return
         self._ranks = memory["ranks"]
@@ -200,9 +202,15 @@ class TransportConform:
         )  # fmt: skip
         select = self._select if factor is None else self._select * factor
         self._device.run(conform_kernels.advance, float(now), timing, self._ranks, select, way)
-        whole = np.float32(parameters.weight) * select
-        self._part = np.where(whole > 0, way / np.where(whole > 0, whole, 1), 0)
+        # the way of a splat that has arrived, in the arithmetic of `advance`
+        whole = (float(parameters.weight) * select.astype(np.float64)).astype(np.float32)
+        part = np.divide(way, whole, out=np.zeros_like(way), where=whole > 0)
+        self._part = np.minimum(part, np.float32(1))
         return way
+
+    def pause(self) -> None:
+        """Show splats as they are: there is no target now."""
+        self._part = np.zeros(len(self), np.float32)
 
     def finished(self, frame: Frame) -> Frame:
         """Return a frame at the time of the last `apply` with the look of splats in flight."""

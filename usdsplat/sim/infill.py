@@ -65,6 +65,10 @@ FILLING = "filling:is"
 """In `State.memory`: 1 for the filling, 0 for other splats, uint8, shape (n,)."""
 OPENED = "filling:seams"
 """In `State.globals`: 1 for points of seams that have opened."""
+CAPTURED = "filling:captured"
+"""In `State.memory`: captured splats before they were cut, float32, shape (n, 10): position less
+that at rest now, rotation, scales; rotation 0 where nothing is kept yet. Splats grow and have
+children, which the differences of positions follow."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -147,8 +151,8 @@ class Infill:
         Args:
             state: Its record of what is open is updated.
             places: Where the carriers are now, shape (c, 3).
-            maximum: Number of splats that the state may have; what there is no room for is left
-                out.
+            maximum: Number of splats that the state may have. Seams whose filling there is no
+                room for stay shut, as a whole, until there is.
         """
         c, seams = self._carriers, self._seams
         before = state.globals.get(OPENED)
@@ -160,9 +164,9 @@ class Infill:
         if not fresh.any():
             state.globals[OPENED] = before
             return self._nothing
+        fresh = self._admitted(before > 0, fresh, max(0, maximum - len(state)))
         state.globals[OPENED] = (fresh | (before > 0)).astype(np.uint8)
-        born = self._open(fresh | (before > 0)) & ~self._open(before > 0)
-        chosen = np.flatnonzero(born)[: max(0, maximum - len(state))]
+        chosen = np.flatnonzero(self._born(before > 0, fresh))
         wanted = self._parents[self._fill.carriers[chosen]]
         rows = np.minimum(np.searchsorted(state.ids, wanted), len(state) - 1)
         alive = state.ids[rows] == wanted
@@ -172,6 +176,33 @@ class Infill:
             seams=fresh,
             is_first=not before.any(),
         )
+
+    def _admitted(self, before: Bools, fresh: Bools, room: int) -> Bools:
+        """Return which points open: whole seams, in the order of their pieces, shape (s,).
+
+        Args:
+            before: Points that are open, shape (s,).
+            fresh: Those that have parted, shape (s,).
+            room: Number of splats that there is room for.
+        """
+        if np.count_nonzero(self._born(before, fresh)) <= room:
+            return fresh
+        own, other = self._seams.own, self._seams.other
+        pair = np.minimum(own, other) * len(self._pieces.stands) + np.maximum(own, other)
+        pairs = np.unique(pair[fresh])
+        low, high = 0, len(pairs) - 1  # more open seams have no less filling
+        while low < high:
+            middle = (low + high + 1) // 2
+            some = fresh & (pair < pairs[middle])
+            if np.count_nonzero(self._born(before, some)) <= room:
+                low = middle
+            else:
+                high = middle - 1
+        return np.asarray(fresh & (pair < pairs[low]))
+
+    def _born(self, before: Bools, fresh: Bools) -> Bools:
+        """Return which splats of the filling are born if these points open, shape (d,)."""
+        return self._open(before | fresh) & ~self._open(before)
 
     def _open(self, seams: Bools) -> Bools:
         """Return which splats of the filling are born if these seams are open, shape (d,)."""
@@ -228,11 +259,25 @@ class Infill:
         piece[captured] = self._pieces.piece[memory[NEAR][captured, 0]]
         shapes = state.rest_positions, state.rest_rotations, state.rest_scales
         rows, made, gone = self._seams.cut(
-            self._device, due.seams, piece, self._carriers.spacing, shapes
-        )
+            self._device, state.globals[OPENED] > 0, due.seams, piece, self._carriers.spacing,
+            _captured(state),
+        )  # fmt: skip
+        kept = memory[CAPTURED]
+        kept[rows, :3] += shapes[0][rows] - made[0]
         for array, values in zip(shapes, made, strict=True):
             array[rows] = values
         state.rest_opacities[rows[gone]] = 0
+
+
+def _captured(state: State) -> tuple[F32, F32, F32]:
+    """Return positions, rotations and scales of splats at rest before they were cut, and keep what
+    is not kept yet."""
+    kept = state.memory.setdefault(CAPTURED, np.zeros((len(state), 10), np.float32))
+    fresh = ~kept[:, 3:7].any(axis=1)
+    kept[fresh, :3] = 0
+    kept[fresh, 3:7] = state.rest_rotations[fresh]
+    kept[fresh, 7:] = state.rest_scales[fresh]
+    return _f32(state.rest_positions + kept[:, :3]), _f32(kept[:, 3:7]), _f32(kept[:, 7:])
 
 
 class _Inside:

@@ -92,6 +92,8 @@ class Morph(TransportConform):
         rows = np.concatenate([np.arange(len(self)), np.zeros(m, np.int64)])
         other._bound = other._bound.selected(rows).joined(bound)
         other._select = np.concatenate([other._select, np.ones(m, np.float32)])
+        other._part = np.concatenate([other._part, np.zeros(m, np.float32)])
+        other._way = np.concatenate([other._way, np.zeros(m, np.float32)])
         ranks = back.ranks(cloud.positions)
         if self._parameters.conform.order == "random" and self._order is None:
             ranks = self._drawn(-1 - np.arange(m, dtype=np.int64))
@@ -112,6 +114,7 @@ class Morph(TransportConform):
         other = self._copy()
         other._select_rows(rows)
         other._natives, other._tints = self._natives[rows], self._tints[rows]
+        other._way = self._way[rows]
         return other
 
     def memory(self) -> dict[str, npt.NDArray[Any]]:
@@ -125,6 +128,7 @@ class Morph(TransportConform):
     def restore(self, memory: dict[str, npt.NDArray[Any]]) -> None:
         """Restore the result of `memory`, for any number of splats, bit for bit."""
         super().restore(memory)
+        self._way = np.zeros(len(self), np.float32)
         if "natives" not in memory:
             return
         self._natives, self._tints = memory["natives"], memory["tints"]

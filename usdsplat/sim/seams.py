@@ -35,8 +35,11 @@ LEAST = 0.002
 """Least standard deviation of a cut splat, in distances of carriers."""
 BEYOND = 1.0
 """Distance beyond its seam, in standard deviations, from which a splat vanishes."""
-NEAR = 6
-"""Points of seams that may cut a splat."""
+BESIDE = 1.5
+"""Distance along a seam, in distances of carriers, up to which a point stands for it; in addition
+to the part of the splat that is cut."""
+NEAR = 16
+"""Points of seams among which the nearest ones of a splat's own piece are looked for."""
 
 Bools = npt.NDArray[np.bool_]
 
@@ -133,69 +136,87 @@ class Seams:
         self,
         device: Device,
         open_: Bools,
+        fresh: Bools,
         piece: npt.NDArray[np.int32],
         spacing: float,
         shapes: tuple[F32, F32, F32],
     ) -> tuple[I64, tuple[F32, F32, F32], Bools]:
         """Cut splats that reach over seams.
 
+        Of each seam of its piece, only the point that is nearest to a splat cuts it, if that is
+        open and about beside it: a point stands for a part of the seam, not for a plane without an
+        end. Splats that no fresh point cuts are left out; the result for others is that of all
+        open points, in whatever order these opened.
+
         Args:
             device: Runs the kernels.
             open_: Which points of seams cut, shape (s,).
+            fresh: Those of them that have opened since the last time, shape (s,).
             piece: Piece of each splat, -1 for none, shape (n,).
             spacing: Distance of carriers [unit].
-            shapes: Positions, rotations and scales at rest, shapes (n, 3), (n, 4) and (n, 3).
+            shapes: Positions, rotations and scales as captured, shapes (n, 3), (n, 4), (n, 3).
 
         Returns:
             The rows of the splats that are cut, shape (m,); their new shapes: each is the mean and
             the covariance of the part on its own side, made thinner where it is still blurred; and
             which vanish, because hardly any part is there, shape (m,).
         """
-        points = np.flatnonzero(open_)
         sides = np.zeros(max(int(piece.max(initial=-1)), int(self.own.max(initial=-1))) + 1, bool)
-        sides[self.own[points]] = True
+        sides[self.own[fresh]] = True
         rows = np.flatnonzero((piece >= 0) & sides[np.maximum(piece, 0)])
-        if not len(points) or not len(rows):
+        if not fresh.any() or not len(rows):
             first, second, third = (each[:0] for each in shapes)
             return np.empty(0, np.int64), (first, second, third), np.zeros(0, np.bool_)
-        positions, rotations, scales = (each[rows].astype(np.float64) for each in shapes)
-        near, _ = nearest(device, self.positions[points], shapes[0][rows], NEAR)
-        near = np.where(near >= 0, points[near], -1)
+        near = self._nearest(device, piece[rows], shapes[0][rows])
+        concerned = ((near >= 0) & fresh[near]).any(axis=1)
+        rows, near = rows[concerned], near[concerned]
+        captured, rotations, scales = (each[rows].astype(np.float64) for each in shapes)
+        positions, wide = captured.copy(), scales.max(axis=1, initial=0)
         axes = to_matrix(rotations) * scales[:, None, :]
         spread = axes @ axes.transpose(0, 2, 1)
-        changed, gone = np.zeros(len(rows), np.bool_), np.zeros(len(rows), np.bool_)
+        changed, gone = (np.zeros(len(rows), np.bool_) for _ in range(2))
+        again = changed.copy()
         for k in range(NEAR):
-            seam = np.maximum(near[:, k], 0)
-            own = (near[:, k] >= 0) & (self.own[seam] == piece[rows])
-            for before in range(k):  # another piece's seam cuts once
-                earlier = np.maximum(near[:, before], 0)
-                again = (self.own[earlier] == self.own[seam]) & (
-                    self.other[earlier] == self.other[seam]
-                )
-                own &= ~(again & (near[:, before] >= 0))
-            some = np.flatnonzero(own)
-            normal = self.normals[seam[some]].astype(np.float64)
-            place = self.positions[seam[some]].astype(np.float64)
+            some = np.flatnonzero((near[:, k] >= 0) & open_[near[:, k]])
+            seam = near[some, k]
+            normal = self.normals[seam].astype(np.float64)
+            place = self.positions[seam].astype(np.float64)
+            way = place - captured[some]
+            way -= np.einsum("ni,ni->n", way, normal)[:, None] * normal
+            aside = np.linalg.norm(way, axis=1)
             depth = np.einsum("ni,ni->n", place - positions[some], normal)
             along = np.einsum("nij,nj->ni", spread[some], normal)
             sigma = np.sqrt(np.maximum(np.einsum("ni,ni->n", along, normal), 1e-30))
             reach = depth < REACHES * sigma
-            some, normal, depth = some[reach], normal[reach], depth[reach]
+            reach &= aside <= BESIDE * spacing + REACHES * wide[some]
+            some, seam, normal, depth = some[reach], seam[reach], normal[reach], depth[reach]
             along, sigma = along[reach], sigma[reach]
             gone[some[depth < -BEYOND * sigma]] = True
             shift, narrow = _halved(depth / sigma)
-            aside = along / sigma[:, None]
-            positions[some] -= shift[:, None] * aside
+            across = along / sigma[:, None]
+            positions[some] -= shift[:, None] * across
             depth = depth + shift * sigma
             narrow = np.minimum(narrow, np.square(depth / (CRISP * sigma)))
-            spread[some] -= (1 - narrow)[:, None, None] * aside[:, :, None] * aside[:, None, :]
+            spread[some] -= (1 - narrow)[:, None, None] * across[:, :, None] * across[:, None, :]
             changed[some] = True
+            again[some] |= fresh[seam]
+        changed &= again
         rows = rows[changed]
         values, vectors = np.linalg.eigh(spread[changed])
         vectors[:, :, 0] *= np.sign(np.linalg.det(vectors))[:, None]
         sizes = np.sqrt(np.maximum(values, np.square(LEAST * spacing)))
         made = _f32(positions[changed]), _f32(from_matrix(vectors)), _f32(sizes)
         return rows, made, gone[changed]
+
+    def _nearest(self, device: Device, piece: npt.NDArray[np.int32], places: F32) -> I64:
+        """Return the nearest point of each seam of its own piece for every splat, nearest first;
+        -1 for none, shape (n, NEAR)."""
+        near = nearest(device, self.positions, places, NEAR)[0].astype(np.int64)
+        near[(near >= 0) & (self.own[near] != piece[:, None])] = -1
+        others = np.where(near >= 0, self.other[near], -1)
+        for k in range(1, NEAR):
+            near[(others[:, :k] == others[:, k : k + 1]).any(axis=1), k] = -1
+        return near
 
 
 def _halved(edge: F64) -> tuple[F64, F64]:

@@ -126,6 +126,8 @@ class TargetPose:
             self._conform.apply(
                 moment.target, seconds, moment.parameters.conform, positions, turned, part
             )
+        elif isinstance(self._conform, TransportConform):
+            self._conform.pause()
         return positions, turned if gradient else None
 
     def joining(self, moment: Moment, seconds: float) -> SplatCloud | None:

@@ -18,6 +18,7 @@ from usdsplat.kernels.jit import parallel, scalar, serial
 from usdsplat.kernels.sim.blend_solids import (
     BLEND,
     BLOCK,
+    BOUND,
     CLEARANCE,
     FIELD,
     HIGH,
@@ -37,6 +38,7 @@ from usdsplat.kernels.sim.blend_solids import (
 from usdsplat.kernels.sim.solids import (
     BOX,
     MESH,
+    PLANE,
     ROUND,
     box_distance,
     field_solid,
@@ -50,6 +52,11 @@ MARGIN = np.float32(2e-6)
 """Extra search distance for contacts, relative to coordinates, for float32 errors."""
 GROWTH = 1.05
 """Growth of the smallest step of a march, from one step to the next."""
+STEEP = 0.5
+"""Cosine of the angle to a plane's normal below which a march that is under that plane turns to the
+normal."""
+FAR = 4.0
+"""Longest way out, relative to the depth and the radii of all bounded solids."""
 TOUCHED, MARCHED, TRAPPED, COUNTS = 0, 1, 2, 3
 """Columns of the counts of each block: contacts, those that Newton's method did not solve, and
 splats that remain inside."""
@@ -60,11 +67,38 @@ ALIVE_ONLY = 1
 
 
 @serial
+def lifted(bodies, rows, count, x, y, z, sigma, fx, fy, fz):
+    """Return the direction of a march: the given one, or the normal of a plane that the point is
+    under and that this direction leads deeper into, or hardly out of."""
+    for s in range(count):
+        j = np.int64(rows[s])
+        if bodies[j, KIND] != PLANE:
+            continue
+        nx, ny, nz = bodies[j, TURN + 2], bodies[j, TURN + 5], bodies[j, TURN + 8]
+        _, _, height = into(bodies, j, TURN, PLACE, x, y, z)
+        if height < bodies[j, CLEARANCE] * sigma and fx * nx + fy * ny + fz * nz < STEEP:
+            fx, fy, fz = nx, ny, nz
+    return fx, fy, fz
+
+
+@serial
+def farthest(bodies, rows, count, depth):
+    """Return the longest way out of the union [unit] that a point at this depth may need."""
+    total = depth
+    for s in range(count):
+        j = np.int64(rows[s])
+        if bodies[j, KIND] != PLANE:
+            total += bodies[j, BOUND]
+    return FAR * total
+
+
+@serial
 def push_out(bodies, rows, count, fields, voxels, x, y, z, sigma, reach, least):
     """Move a point out of the union, if it is inside.
 
     Makes at most NEWTON steps along the gradient, then at most MARCH steps along the first
-    direction. A march in a constant direction leaves every bounded union.
+    direction. A march in a constant direction leaves every bounded union; planes are left along
+    their normals. A point whose way out would be longer than FAR allows stays where it was.
 
     Args:
         least: Smallest distance outside [unit] after the move, in addition to a margin for float32
@@ -79,7 +113,8 @@ def push_out(bodies, rows, count, fields, voxels, x, y, z, sigma, reach, least):
     if not d < 0.0:
         return x, y, z, px, py, pz, 0.0, False, False
     depth = -d
-    fx, fy, fz, floor = px, py, pz, 0.0
+    fx, fy, fz, floor, most = px, py, pz, 0.0, 0.0
+    ox, oy, oz = x, y, z
     for k in range(NEWTON + MARCH):
         gap = ROUNDING * (abs(x) + abs(y) + abs(z)) + least
         if k < NEWTON:
@@ -87,6 +122,9 @@ def push_out(bodies, rows, count, fields, voxels, x, y, z, sigma, reach, least):
             step = (gap - d) / (slope if k > 0 else 1.0)
             floor = 4.0 * gap
         else:
+            if k == NEWTON:
+                most = farthest(bodies, rows, count, depth)
+            fx, fy, fz = lifted(bodies, rows, count, x, y, z, sigma, fx, fy, fz)
             px, py, pz = fx, fy, fz
             step = max((gap - d) / max(gx * fx + gy * fy + gz * fz, RIDGE), floor)
             floor *= GROWTH
@@ -97,6 +135,10 @@ def push_out(bodies, rows, count, fields, voxels, x, y, z, sigma, reach, least):
         px, py, pz, slope = outward(gx, gy, gz, nx, ny, nz)
         if d >= 0.75 * gap:
             return x, y, z, px, py, pz, depth, k >= NEWTON, False
+        if k >= NEWTON:
+            away = (x - ox) * (x - ox) + (y - oy) * (y - oy) + (z - oz) * (z - oz)
+            if not away <= most * most:  # also where it is not a number
+                return ox, oy, oz, fx, fy, fz, depth, True, True
     return x, y, z, px, py, pz, depth, True, True
 
 
