@@ -191,6 +191,22 @@ def test_a_flipbook_that_is_stopped_says_how_far_it_came(
     assert window.note == f"Stopped: {written} of 24 frames written"
 
 
+def test_a_movie_without_ffmpeg_says_what_it_needs(
+    window: Window, workspace: Workspace, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Oracle: the sentence of `products.movie`."""
+    monkeypatch.setenv("PATH", str(tmp_path))
+    press(window, "Ctrl+Shift+F")
+    wait_until(lambda: window.findChildren(FlipbookDialog))
+    dialog = window.findChild(FlipbookDialog)
+    dialog.name.selectAll()
+    QTest.keyClicks(dialog.name, str(tmp_path / "a.mp4"))
+    QTest.keyClick(dialog.name, Qt.Key.Key_Return)
+    wait_until(lambda: workspace.problems.sentence)
+    assert "a.mp4: found no ffmpeg, expected ffmpeg on PATH" in workspace.problems.sentence
+    assert not list(tmp_path.iterdir())
+
+
 def test_the_dialog_of_an_export_shows_every_format(window: Window, workspace: Workspace) -> None:
     """Oracle: Qt's own match of names with the patterns of its filter, also of a file in a
     folder of its own."""
