@@ -87,6 +87,29 @@ def test_options_that_cannot_be_meant_are_refused(run, capture, argv, words):
     assert err.startswith(f"usdsplat: {words}")
 
 
+def test_an_internal_error_of_a_window_is_in_the_terminal(run, monkeypatch, capsys):
+    """Oracle: the exception's own words on stderr, where the window's message points; and none
+    after the command has ended."""
+    pytest.importorskip("PySide6")
+    from usdsplat.cli import view
+    from usdsplat.preview.qt import app
+    from usdsplat.preview.session import LOG
+
+    def window(*arguments: object, **options: object) -> int:
+        try:
+            raise TypeError("a bug of this test")
+        except TypeError:
+            LOG.exception("a bug in the preview")
+        return 0
+
+    monkeypatch.setattr(view, "_check_window", lambda: None)
+    monkeypatch.setattr(app, "run", window)
+    status, _, err = run("view")
+    assert status == 0 and "TypeError: a bug of this test" in err
+    LOG.error("later")
+    assert "later" not in capsys.readouterr().err
+
+
 def test_axes_are_for_captures(run, shot):
     """Oracle: the sentence that render has for it."""
     status, _, err = run("view", shot, "--axes", "rdf")

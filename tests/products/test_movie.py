@@ -8,6 +8,7 @@ import shutil
 import stat
 import subprocess
 import sys
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -57,7 +58,8 @@ def test_ffmpeg_gets_the_pixels_of_every_frame_in_order(ffmpeg, tmp_path):
     target = tmp_path / "out.mov"
     pictures = frames(3)
     metadata = {"usdsplat:stage": "a=b.usda", "usdsplat:frame": 2.0}
-    with Movie(target, (8, 6), 23.976, metadata=metadata) as movie:
+    header = {**metadata, "framesPerSecond": Fraction(24000, 1001)}
+    with Movie(target, (8, 6), 23.976, metadata=header) as movie:
         for picture in pictures:
             movie.write(picture)
         assert not target.exists()
@@ -66,7 +68,10 @@ def test_ffmpeg_gets_the_pixels_of_every_frame_in_order(ffmpeg, tmp_path):
     for flag, value in {"-s": "8x6", "-framerate": "23.976", "-f": "rawvideo"}.items():
         assert arguments[arguments.index(flag) + 1] == value
     key, _, comment = arguments[arguments.index("-metadata") + 1].partition("=")
-    assert (key, json.loads(comment)) == ("comment", metadata)
+    assert (key, json.loads(comment)) == (
+        "comment",
+        {**metadata, "framesPerSecond": "24000/1001"},
+    )
     assert sorted(os.listdir(tmp_path)) == ["argv", "bin", "out.mov"]
 
 

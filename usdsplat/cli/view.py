@@ -24,10 +24,11 @@ notes:
 
 from __future__ import annotations
 
+import logging
 import os
 import webbrowser
-from collections.abc import Callable
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from functools import partial
 from html import escape
@@ -102,20 +103,37 @@ def run(options: Options, reporter: Reporter) -> int:
             _check_stage(path, options, reporter)
         if options.browser.web:
             try:
-                return _serve(_opener(path, options), options)
+                with _bugs_in_the_terminal():
+                    return _serve(_opener(path, options), options)
             except KeyboardInterrupt as error:  # the usual end of a server
                 return interrupt.status(error)
     _check_window()
     from usdsplat.preview.qt.app import run as run_window
 
-    return run_window(
-        None if path is None else _opener(path, options),
-        path=path,
-        camera=options.camera,
-        time=options.frame,
-        device=options.device,
-        threads=options.threads,
-    )
+    with _bugs_in_the_terminal():
+        return run_window(
+            None if path is None else _opener(path, options),
+            path=path,
+            camera=options.camera,
+            time=options.frame,
+            device=options.device,
+            threads=options.threads,
+        )
+
+
+@contextmanager
+def _bugs_in_the_terminal() -> Iterator[None]:
+    """Print tracebacks of internal errors, which end no session: windows and pages refer to them.
+
+    Commands silence the log otherwise.
+    """
+    log, handler = logging.getLogger("usdsplat"), logging.StreamHandler()
+    handler.setLevel(logging.ERROR)
+    log.addHandler(handler)
+    try:
+        yield
+    finally:
+        log.removeHandler(handler)
 
 
 def _opener(path: Path, options: Options) -> Callable[..., Document]:

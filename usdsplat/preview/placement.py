@@ -61,10 +61,16 @@ class Placing:
         self._verb = verb
         self._drags += 1
 
-    def move(self, matrix: Matrix, time: float | None) -> None:
-        """Author the prim's matrix at a time."""
+    def move(self, matrix: Matrix | None, time: float | None) -> None:
+        """Author the prim's matrix at a time; None takes all moves since `begin` back."""
         path, verb, key = self._path, self._verb, f"drag {self._drags} of {self._path}"
         if not path:
+            return
+        if matrix is None:
+            self._moves.ask(
+                lambda document: document.edits.take_back(key),
+                lambda done: self.follow(path, time) if path == self._path else None,
+            )
             return
         self.placement = Placement(path=path, matrix=matrix)
         if path in self._known:

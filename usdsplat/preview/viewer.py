@@ -351,8 +351,9 @@ class Viewer:
         """Start a drag: one undo, named by a verb, takes back all following calls of `place`."""
         self._placing.begin(verb)
 
-    def place(self, matrix: Matrix) -> None:
-        """Set the local-to-world matrix of the last selected prim, on the session layer."""
+    def place(self, matrix: Matrix | None) -> None:
+        """Set the local-to-world matrix of the last selected prim, on the session layer; None
+        takes the drag back."""
         self._placing.move(matrix, self.state.time)
         self._see(is_moving=True)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import json
 import shutil
 import subprocess
 import tempfile
@@ -18,6 +17,7 @@ import numpy as np
 from usdsplat.core.errors import OutputError
 from usdsplat.core.output import output_file, write_output
 from usdsplat.images.exif import exif
+from usdsplat.images.labels import as_json
 from usdsplat.images.layout import Metadata
 from usdsplat.products.display_image import Image
 
@@ -53,7 +53,7 @@ class Movie:
         metadata: Metadata | None = None,
     ) -> None:
         self._path = path
-        self._comment = json.dumps(dict(metadata or {}))
+        self._comment = as_json(metadata or {})
         self._size = size
         self._rate = rate
 

@@ -7,9 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from pxr import UsdLux
+from PySide6.QtTest import QTest
 
 from tests.preview.qt.conftest import wait_until
-from tests.preview.qt.windows import press, settled
+from tests.preview.qt.windows import LEFT, press, settled
+from usdsplat.preview.qt.adding_lights import NO_EFFECT
 from usdsplat.preview.qt.window import Window
 from usdsplat.preview.qt.workspace import Workspace
 from usdsplat.preview.stage_model.edits import Edits
@@ -49,6 +51,25 @@ def test_a_stage_without_lights_says_so_and_offers_one(
     press(window, "Ctrl+Z")
     wait_until(lambda: offer.isVisible())
     assert context.picture is not None and context.picture.lights == 0
+
+
+def test_a_light_that_splats_do_not_show_says_so_and_offers_it(
+    window: Window, workspace: Workspace
+) -> None:
+    """Oracle: what is said, and the picture: the button relights it, and takes back the words."""
+    settled(workspace)
+    window.actions_by_name["add_key"].trigger()
+    wait_until(lambda: workspace.notices.sentence == NO_EFFECT)
+    QTest.mouseClick(workspace.notices.button, LEFT)
+    assert workspace.notices.sentence == ""
+    assert workspace.context.look.settings.lighting == "relit"
+    relit = settled(workspace).image
+    workspace.context.set_look(settings=RenderSettings())
+    assert (settled(workspace).image != relit).any()
+    workspace.context.set_look(settings=RenderSettings(lighting="relit"))
+    window.actions_by_name["add_dome"].trigger()
+    wait_until(lambda: settled(workspace).lights == 2)
+    assert workspace.notices.sentence == ""
 
 
 @pytest.mark.parametrize("axis", ["Y", "Z"])

@@ -265,6 +265,26 @@ def test_bookmarks_are_said_to_be_forgotten_only_where_they_are(
     _click(_box(window), "Stay")
 
 
+def test_bookmarks_alone_are_asked_about(
+    window: Window, workspace: Workspace, stage_path: Path
+) -> None:
+    """Oracle: the sentence, before the window closes; nothing where the same scene stays."""
+    press(window, "Ctrl+B")
+    (mark,) = workspace.context.viewer.bookmarks
+    assert losses(workspace, is_same_scene=True) == ()
+    window.close()
+    box = _box(window)
+    assert box.text() == MARKED.format(names=mark.name)
+    assert [button.text() for button in box.buttons()].count("Save as…") == 0
+    _click(box, "Stay")
+    assert window.isVisible()
+    closed: list[bool] = []
+    window.closed.connect(lambda: closed.append(True))
+    window.close()
+    _click(_box(window), "Leave")
+    assert closed == [True]
+
+
 def test_edits_that_were_saved_are_not_asked_about(
     window: Window, workspace: Workspace, tmp_path: Path
 ) -> None:

@@ -15,6 +15,7 @@ from tests.preview.qt import windows
 from tests.preview.qt.conftest import wait_until
 from tests.preview.qt.windows import LEFT, opened, press, settled
 from usdsplat.preview.camera import FreeCamera
+from usdsplat.preview.document import Document
 from usdsplat.preview.overlays import LightMark
 from usdsplat.preview.projection import Projection
 from usdsplat.preview.qt.viewport_figures import EdgeLines, lights_at
@@ -78,6 +79,55 @@ def test_a_light_is_picked_by_its_figure_and_moved(workspace: Workspace) -> None
     (mark,) = settled(workspace).overlays.lights
     assert mark.place[0] > PLACE[0] + 0.01
     np.testing.assert_allclose(mark.place[1:], PLACE[1:], atol=1e-9)
+
+
+def test_escape_takes_the_drag_of_a_handle_back(window: Window, workspace: Workspace) -> None:
+    """Oracle: the opinions of the session layer and the place before, though the pointer goes on;
+    nothing of it is left to undo."""
+    viewer, viewport = workspace.context.viewer, workspace.viewport
+    viewer.face("front")
+    viewer.select(("/Key",))
+    here = place_of(workspace)
+    wait_until(lambda: viewport.manipulator is not None)
+    layers: list[str] = []
+
+    def told(document: Document) -> str:
+        return document.edits.layer.ExportToString()
+
+    workspace.proxy.ask(told, layers.append)
+    viewport.setFocus()
+    arrow = here + QPoint(40, 0)
+    QTest.mousePress(viewport, LEFT, pos=arrow)
+    for step in (5, 15, 30):
+        QTest.mouseMove(viewport, arrow + QPoint(step, 0))
+    wait_until(lambda: window.actions_by_name["undo"].isEnabled())
+    QTest.keyClick(viewport, Qt.Key.Key_Escape)
+    QTest.mouseMove(viewport, arrow + QPoint(60, 0))
+    QTest.mouseRelease(viewport, LEFT, pos=arrow + QPoint(60, 0))
+    wait_until(lambda: not window.actions_by_name["undo"].isEnabled())
+    workspace.proxy.ask(told, layers.append)
+    wait_until(lambda: len(layers) == 2)
+    assert layers[1] == layers[0]
+    assert place_of(workspace) == here and viewer.state.selected == ("/Key",)
+    assert viewer.placement is not None
+    np.testing.assert_allclose(np.reshape(viewer.placement.matrix, (4, 4))[:3, 3], PLACE)
+
+
+def test_a_box_selects_the_lights_in_it(workspace: Workspace) -> None:
+    """Oracle: the place of the light's figure, and the way out of it."""
+    viewer, viewport = workspace.context.viewer, workspace.viewport
+    viewer.face("front")
+    here = place_of(workspace)
+    viewport.set_mode(None)
+    for start, end, found in (
+        (QPoint(-8, -8), QPoint(8, 8), True),
+        (QPoint(-30, -8), QPoint(-8, 8), False),
+    ):
+        QTest.mousePress(viewport, LEFT, pos=here + start + QPoint(0, -30) * (not found))
+        for part in (0.4, 0.7, 1.0):
+            QTest.mouseMove(viewport, here + start + (end - start) * part)
+        QTest.mouseRelease(viewport, LEFT, pos=here + end)
+        wait_until(lambda found=found: ("/Key" in viewer.state.selected) == found)
 
 
 def test_lights_at_one_place_are_picked_in_turn_and_those_without_one_not() -> None:

@@ -24,6 +24,7 @@ from usdsplat.preview.qt import viewport_hud as hud
 from usdsplat.preview.qt.viewport import Viewport
 from usdsplat.preview.values import Look, ViewState
 from usdsplat.preview.viewer import Viewer
+from usdsplat.render.settings import RenderSettings
 
 
 def pixels_of(viewport: Viewport) -> np.ndarray:
@@ -108,6 +109,9 @@ def test_names_say_what_is_compared() -> None:
     assert hud.look_names(ViewState()) == ("color", "")
     compared = ViewState(other=Look(time=7.0))
     assert hud.look_names(compared) == ("A · color", "B · color · frame 7")
+    relit = Look(settings=RenderSettings(lighting="relit", self_shadows=True))
+    names = ("A · color · captured · self shadows off", "B · color · relit · self shadows on")
+    assert hud.look_names(ViewState(other=relit)) == names
 
 
 def test_the_viewport_does_not_outlive_its_viewer_in_secret(application: QApplication) -> None:

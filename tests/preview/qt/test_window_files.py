@@ -27,6 +27,7 @@ from usdsplat.preview.camera import FreeCamera
 from usdsplat.preview.document import Document
 from usdsplat.preview.qt.picture_dialogs import FlipbookDialog, ScreenshotDialog
 from usdsplat.preview.qt.prim_model import VISIBLE
+from usdsplat.preview.qt.save_dialogs import NO_EDITS
 from usdsplat.preview.qt.window import Window
 from usdsplat.preview.qt.workspace import Workspace
 from usdsplat.preview.sides import Shown
@@ -189,6 +190,43 @@ def test_a_flipbook_that_is_stopped_says_how_far_it_came(
     written = len(list(tmp_path.glob("a.*.png")))
     assert 2 <= written < 24
     assert window.note == f"Stopped: {written} of 24 frames written"
+
+
+def test_without_edits_no_layer_is_written(
+    window: Window, workspace: Workspace, tmp_path: Path, said: list[str]
+) -> None:
+    """Oracle: the folder; edits that were taken back after a save are saved again, as the file
+    still has them."""
+    assert window.saving is not None
+    window.saving.write_session(tmp_path / "a.usda")
+    wait_until(lambda: NO_EDITS in said)
+    assert not list(tmp_path.iterdir())
+    click_cell(workspace, "/World/A", VISIBLE)
+    wait_until(lambda: workspace.context.has_unsaved)
+    window.saving.write_session(tmp_path / "a.usda")
+    wait_until(lambda: "Wrote a.usda" in said)
+    press(window, "Ctrl+Z")
+    wait_until(lambda: workspace.context.has_unsaved)
+    said.clear()
+    window.saving.write_session(tmp_path / "a.usda")
+    wait_until(lambda: "Wrote a.usda" in said)
+    assert "invisible" not in (tmp_path / "a.usda").read_text()
+
+
+def test_a_movie_without_ffmpeg_says_what_it_needs(
+    window: Window, workspace: Workspace, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Oracle: the sentence of `products.movie`."""
+    monkeypatch.setenv("PATH", str(tmp_path))
+    press(window, "Ctrl+Shift+F")
+    wait_until(lambda: window.findChildren(FlipbookDialog))
+    dialog = window.findChild(FlipbookDialog)
+    dialog.name.selectAll()
+    QTest.keyClicks(dialog.name, str(tmp_path / "a.mp4"))
+    QTest.keyClick(dialog.name, Qt.Key.Key_Return)
+    wait_until(lambda: workspace.problems.sentence)
+    assert "a.mp4: found no ffmpeg, expected ffmpeg on PATH" in workspace.problems.sentence
+    assert not list(tmp_path.iterdir())
 
 
 def test_the_dialog_of_an_export_shows_every_format(window: Window, workspace: Workspace) -> None:

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
-from PySide6.QtCore import Qt
+from PySide6.QtCore import QObject, Qt, Signal
 from PySide6.QtWidgets import QFileDialog, QHBoxLayout, QLabel, QPushButton, QVBoxLayout, QWidget
 
 from usdsplat.preview.camera import middle_of
+from usdsplat.preview.qt.message_bar import MessageBar
 from usdsplat.preview.qt.panel_context import PanelContext
 from usdsplat.preview.stage_model.edits import Edits
 from usdsplat.preview.stage_model.lights import add_dome_light, add_key_light
 
 NONE_HERE = "No lights on this stage. Lighting needs one; until then splats look as captured."
+NO_EFFECT = "Lights have no effect on splats while Lighting is captured"
 
 
 class LightOffer(QWidget):
@@ -24,6 +27,9 @@ class LightOffer(QWidget):
     Args:
         context: Context of the session.
     """
+
+    added = Signal()
+    """A light was added."""
 
     def __init__(self, context: PanelContext, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -75,8 +81,43 @@ class LightOffer(QWidget):
     def _add(self, add: Callable[[Edits], str]) -> None:
         """Add a light as a step that can be undone, and select it when it is there."""
         added: list[str] = []
+
+        def done(paths: tuple[str, ...]) -> None:
+            if paths:
+                self._context.viewer.select(paths)
+                self.added.emit()
+
         self._context.edit(lambda edits: added.append(add(edits)))
-        self._context.proxy.ask(
-            lambda document: tuple(added),
-            lambda paths: self._context.viewer.select(paths) if paths else None,
-        )
+        self._context.proxy.ask(lambda document: tuple(added), done)
+
+
+class LightHint(QObject):
+    """A notice, after a light was added, that splats do not show it, and a button for it.
+
+    Args:
+        context: Context of the session.
+        offer: Adds the lights.
+        notices: Shows the notice.
+    """
+
+    def __init__(self, context: PanelContext, offer: LightOffer, notices: MessageBar) -> None:
+        super().__init__(notices)
+        self._context, self._notices = context, notices
+        offer.added.connect(self._hint)
+        context.view_changed.connect(self._take_back)
+
+    @property
+    def _is_captured(self) -> bool:
+        return self._context.look.settings.lighting == "captured"
+
+    def _hint(self) -> None:
+        if self._is_captured:
+            self._notices.say(NO_EFFECT, action="Relit", act=self._relight)
+
+    def _relight(self) -> None:
+        settings = replace(self._context.look.settings, lighting="relit")
+        self._context.set_look(settings=settings)
+
+    def _take_back(self) -> None:
+        if self._notices.sentence == NO_EFFECT and not self._is_captured:
+            self._notices.clear()

@@ -19,14 +19,19 @@ CLOSES = "the window closes"
 """What happens after the question, as the end of its sentence."""
 
 
-def losses(workspace: Workspace | None, event: str = CLOSES) -> tuple[str, ...]:
-    """Return a question for everything that is lost or ends when a stage is left."""
+def losses(
+    workspace: Workspace | None, event: str = CLOSES, *, is_same_scene: bool = False
+) -> tuple[str, ...]:
+    """Return a sentence for everything that is lost or ends when a stage is left; the arguments
+    are those of `ask_to_leave`."""
     if workspace is None:
         return ()
     edited = EDITED.format(name=workspace.opened.name, event=event)
+    marks = () if is_same_scene else workspace.context.viewer.bookmarks
     asked = (
         RECORDS.format(event=event) if workspace.simulation.is_recording else "",
         edited if workspace.context.has_unsaved else "",
+        MARKED.format(names=", ".join(mark.name for mark in marks)) if marks else "",
     )
     return tuple(filter(None, asked))
 
@@ -49,16 +54,14 @@ def ask_to_leave(
         event: What happens then, as part of a sentence, such as "the window closes".
         is_same_scene: Whether the same scene is opened, which keeps the bookmarks.
     """
-    words = "\n\n".join(losses(workspace, event))
-    marks = workspace.context.viewer.bookmarks
-    if marks and not is_same_scene:
-        words += "\n\n" + MARKED.format(names=", ".join(mark.name for mark in marks))
+    words = "\n\n".join(losses(workspace, event, is_same_scene=is_same_scene))
     box = QMessageBox(QMessageBox.Icon.Warning, "usdsplat", words, parent=window)
     box.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
     if workspace.context.has_unsaved:
         save = box.addButton("Save as…", QMessageBox.ButtonRole.AcceptRole)
         save.clicked.connect(lambda: saving.session_layer(then=leave))
-    text = "Leave without saving" if workspace.context.has_unsaved else "Stop and leave"
+    ends = "Stop and leave" if workspace.simulation.is_recording else "Leave"
+    text = "Leave without saving" if workspace.context.has_unsaved else ends
     go = box.addButton(text, QMessageBox.ButtonRole.DestructiveRole)
     go.clicked.connect(lambda: leave())
     stay = box.addButton("Stay", QMessageBox.ButtonRole.RejectRole)

@@ -10,8 +10,10 @@ from typing import Any
 from PySide6.QtCore import QModelIndex, QPoint, Qt
 from PySide6.QtGui import QColor, QFont, QGuiApplication
 from PySide6.QtWidgets import (
+    QAbstractItemDelegate,
     QAbstractItemView,
     QHeaderView,
+    QLineEdit,
     QMenu,
     QStyledItemDelegate,
     QStyleOptionViewItem,
@@ -65,7 +67,9 @@ class PrimPanel(QTabWidget):
             _COMPOSITION, key=lambda row: f"{row.kind} {row.path} {row.identifier}", parent=self
         )
         self.view = _table(self.properties, (150, 0))
-        self.view.setItemDelegate(_ValueDelegate(self._edit, self))
+        delegate = _ValueDelegate(self._edit, self)
+        delegate.closeEditor.connect(self._keep_focus)
+        self.view.setItemDelegate(delegate)
         self.view.setContextMenuPolicy(Qt.ContextMenuPolicy.CustomContextMenu)
         self.view.customContextMenuRequested.connect(self._show_menu)
         self.addTab(self.view, "Properties")
@@ -109,6 +113,12 @@ class PrimPanel(QTabWidget):
         self._context.edit(step, failed=lambda: self._question.refresh(at_once=True), drag=drag)
         self._question.refresh()
 
+    def _keep_focus(self, editor: QWidget, hint: QAbstractItemDelegate.EndEditHint) -> None:
+        """Keep the focus after a key has closed an editor: Qt gives it to the next widget if a
+        second field had it, and tool keys would be typed there."""
+        if hint != QAbstractItemDelegate.EndEditHint.NoHint:
+            self.view.setFocus()
+
     def _show_menu(self, place: QPoint) -> None:
         index = self.view.indexAt(place)
         if index.isValid():
@@ -148,7 +158,7 @@ class _ValueDelegate(QStyledItemDelegate):
         widget.setAutoFillBackground(True)
         widget.changed.connect(lambda value, merge: self._edit(row, value, merge))
         widget.refused.connect(self._refused)
-        first = widget.findChild(QWidget)
+        first = widget.findChild(QLineEdit) or widget.findChild(QWidget)  # a slider is no number
         assert first is not None  # every kind has a focusable widget
         widget.setFocusProxy(first)
         return widget

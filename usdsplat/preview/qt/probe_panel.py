@@ -17,6 +17,7 @@ from usdsplat.preview.qt.histogram_plot import HistogramPlot
 from usdsplat.preview.qt.panel_context import PanelContext, Question
 from usdsplat.preview.qt.render_panel import scrolling
 from usdsplat.preview.qt.viewport import Viewport
+from usdsplat.preview.qt.viewport_figures import lights_in
 from usdsplat.preview.qt.viewport_holds import Rectangle
 from usdsplat.preview.values import Picture
 
@@ -30,7 +31,7 @@ class ProbePanel(QWidget):
         self, context: PanelContext, viewport: Viewport, parent: QWidget | None = None
     ) -> None:
         super().__init__(parent)
-        self._context = context
+        self._context, self._viewport = context, viewport
         self._place = (0.0, 0.0)
         self._pointer = Question(self, self._ask_pixel)
         self._counts = Question(self, self._ask_counts)
@@ -106,9 +107,13 @@ class ProbePanel(QWidget):
 
     def _pick_in(self, box: Rectangle, adds: bool) -> None:
         """Select what is in a box; with `adds` beside the others."""
-        viewer = self._context.viewer
+        viewer, targets = self._context.viewer, self._viewport.targets
+        lit = (
+            () if targets.projection is None else lights_in(targets.lights, box, targets.projection)
+        )
 
-        def answered(found: tuple[str, ...]) -> None:
+        def answered(seen: tuple[str, ...]) -> None:
+            found = (*seen, *lit)
             kept = tuple(each for each in viewer.state.selected if adds and each not in found)
             viewer.select((*kept, *found))
 

@@ -30,6 +30,7 @@ from usdsplat.preview.stage_model import saving as stage_saving
 from usdsplat.preview.values import ViewState
 
 USD = "USD layers (*.usda *.usd *.usdc)"
+NO_EDITS = "There are no edits to save; nothing is written"
 BAKES = "USD layers (*.usda)"
 
 
@@ -58,14 +59,18 @@ class Saving(QObject):
         ask_name(self._window, "Save session layer as", USD, "session.usda", write)
 
     def write_session(self, path: Path, *, then: Callable[[], None] = lambda: None) -> None:
-        """Write the session layer, then call `then`."""
+        """Write the session layer, then call `then`; without edits nothing is written."""
 
-        def task(document: Document) -> None:
+        def task(document: Document) -> bool:
+            edits = document.edits
+            if not edits.has_unsaved and stage_saving.is_without_edits(document.stage):
+                return False
             stage_saving.save_session(document.stage, path)
-            document.edits.note_saved()
+            edits.note_saved()
+            return True
 
-        def done(_: object) -> None:
-            self._said(f"Wrote {path.name}")
+        def done(is_written: bool) -> None:
+            self._said(f"Wrote {path.name}" if is_written else NO_EDITS)
             self._context.has_unsaved = False
             self._context.refresh_history()
             then()

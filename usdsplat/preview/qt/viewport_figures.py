@@ -67,6 +67,25 @@ def lights_at(
     )
 
 
+def lights_in(
+    lights: Iterable[LightMark],
+    box: tuple[float, float, float, float],
+    projection: Projection,
+) -> tuple[str, ...]:
+    """Return the sorted paths of the lights whose icons are in a box: left, top, right, bottom.
+
+    Those that `lights_at` never returns are left out.
+    """
+    left, top, right, bottom = box
+    return tuple(
+        sorted(
+            mark.path
+            for mark, (x, y) in _placed(lights, projection)
+            if mark.has_place and left <= x <= right and top <= y <= bottom
+        )
+    )
+
+
 def paint_lights(
     painter: QPainter,
     lights: Sequence[LightMark],

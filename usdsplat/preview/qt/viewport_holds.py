@@ -167,7 +167,7 @@ class WipeHold:
 
 
 class HandleHold:
-    """A drag of a manipulator's handle; Ctrl snaps."""
+    """A drag of a manipulator's handle; Ctrl snaps, Escape takes it back."""
 
     cursor = Qt.CursorShape.ClosedHandCursor
 
@@ -181,11 +181,14 @@ class HandleHold:
     ) -> None:
         self.handle = handle
         self._viewer = viewer
+        self._is_over = False
         self._drag = begin_drag(manipulator, handle, pixel, projection)
         viewer.begin_drag(_VERBS[manipulator.mode])
 
     def move(self, pixel: Pixel, modifiers: Qt.KeyboardModifier) -> None:
         """Move the prim by the pointer."""
+        if self._is_over:
+            return
         snaps = bool(modifiers & Qt.KeyboardModifier.ControlModifier)
         self._viewer.place(as_matrix(self._drag(pixel, snaps=snaps)))
 
@@ -193,5 +196,10 @@ class HandleHold:
         """Do nothing: the position is kept."""
 
     def press(self, keys: set[int], modifiers: Qt.KeyboardModifier) -> bool:
-        """Return False: keys are not used."""
-        return False
+        """Take the drag back at Escape; the rest of it does nothing."""
+        if Qt.Key.Key_Escape not in keys:
+            return False
+        if not self._is_over:
+            self._is_over = True
+            self._viewer.place(None)
+        return True

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
+
 from PySide6.QtCore import QPointF, QRectF, Qt
 from PySide6.QtGui import QColor, QFontMetricsF, QPainter
 from PySide6.QtWidgets import QApplication
 
 from usdsplat.preview.qt import style
-from usdsplat.preview.values import Picture, ViewState
+from usdsplat.preview.values import Look, Picture, ViewState
 
 PANE = QColor(16, 16, 16, 205)
 RADIUS = 5.0
@@ -24,6 +26,8 @@ STEPS: tuple[tuple[str, tuple[str, ...]], ...] = (
 """Steps of a picture, and the stages of the renderer that they contain; others are of "blend"."""
 WIDEST = ("  prepare", "00\u2009000\u2009000 MB")
 """Label and value that the pane has room for: its width stays as numbers change."""
+MOST_SETTINGS = 2
+"""Number of settings that the name of a compared look says at most."""
 
 Row = tuple[str, str]
 
@@ -65,13 +69,24 @@ def camera_name(state: ViewState) -> str:
 
 def look_names(state: ViewState) -> tuple[str, str]:
     """Return names of the looks left and right of the wipe; "" on the right for no comparison."""
-    names: list[str] = []
-    for look in (state.look, state.other):
-        if look is None:
-            return names[0], ""
-        time = "" if look.time is None else f" · frame {look.time:g}"
-        names.append(f"{look.aov}{time}")
-    return f"A · {names[0]}", f"B · {names[1]}"
+    if state.other is None:
+        return _look_name(state.look, ()), ""
+    ours, theirs = state.look.settings, state.other.settings
+    names = [each.name for each in fields(ours)]
+    others = tuple(name for name in names if getattr(ours, name) != getattr(theirs, name))
+    others = others[:MOST_SETTINGS]
+    return f"A · {_look_name(state.look, others)}", f"B · {_look_name(state.other, others)}"
+
+
+def _look_name(look: Look, settings: tuple[str, ...]) -> str:
+    """Return the name of a look, with its time and some of its settings."""
+    parts = [look.aov, *([] if look.time is None else [f"frame {look.time:g}"])]
+    for name in settings:
+        value = getattr(look.settings, name)
+        if isinstance(value, bool):
+            value = "on" if value else "off"
+        parts.append(value if name == "lighting" else f"{name.replace('_', ' ')} {value}")
+    return " · ".join(parts)
 
 
 def paint_rows(painter: QPainter, rows: list[Row], corner: QPointF) -> QRectF:

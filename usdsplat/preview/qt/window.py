@@ -134,7 +134,7 @@ class Window(QMainWindow):
     def _unless_kept(
         self, leave: Callable[[], None], event: str, *, is_same_scene: bool = False
     ) -> None:
-        """Call a function, after asking if edits or a recording would be lost by it.
+        """Call a function, after asking if something would be lost by it.
 
         Args:
             leave: The function.
@@ -142,7 +142,8 @@ class Window(QMainWindow):
             is_same_scene: Whether bookmarks are kept.
         """
         workspace, saving = self.workspace, self.saving
-        if workspace is not None and saving is not None and losses(workspace):
+        is_lost = bool(losses(workspace, event, is_same_scene=is_same_scene))
+        if workspace is not None and saving is not None and is_lost:
             ask_to_leave(self, workspace, saving, leave, event, is_same_scene=is_same_scene)
         else:
             leave()

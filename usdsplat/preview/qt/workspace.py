@@ -13,6 +13,7 @@ from usdsplat.preview import opening
 from usdsplat.preview.display import choices
 from usdsplat.preview.kept_view import KeptView
 from usdsplat.preview.picking import Picked, pick
+from usdsplat.preview.qt.adding_lights import LightHint
 from usdsplat.preview.qt.message_bar import MessageBar, above
 from usdsplat.preview.qt.panel_context import PanelContext, Question
 from usdsplat.preview.qt.prim_panel import PrimPanel
@@ -83,6 +84,7 @@ class Workspace(QWidget):
         self.tree = PrimTree(context)
         self.prim = PrimPanel(context)
         self.render_panel = RenderPanel(context, device=device)
+        LightHint(context, self.render_panel.lights, self.notices)
         self.simulation = SimulationPanel(context)
         self.probe = ProbePanel(context, self.viewport)
         self.timeline = TimelineBar(context)

@@ -92,6 +92,10 @@ class Edits:
         """Redo the last undone step and return its name; None if there is none."""
         return self._history.redo()
 
+    def take_back(self, merge: str) -> None:
+        """Undo the steps with this key, if they are the last, and forget them."""
+        self._history.take_back(merge)
+
     def close(self) -> None:
         """Forget all steps; the edits stay."""
         self._history.clear()

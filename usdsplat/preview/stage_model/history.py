@@ -117,6 +117,11 @@ class History:
         self._undone.append(step)
         return step.name
 
+    def take_back(self, merge: str) -> None:
+        """Undo the last step if it has this key, and forget it."""
+        if self._done and self._done[-1].merge == merge:
+            self._done.pop().before.restore(self._layer)
+
     def redo(self) -> str | None:
         """Redo the last undone step."""
         if not self._undone:

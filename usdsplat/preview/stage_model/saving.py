@@ -62,6 +62,12 @@ def user_edits(stage: Usd.Stage) -> Sdf.Layer:
     return layer
 
 
+def is_without_edits(stage: Usd.Stage) -> bool:
+    """Return whether the user's edits say nothing of any prim, and bring in no layer."""
+    layer = user_edits(stage)
+    return not layer.rootPrims and not layer.subLayerPaths
+
+
 def save_camera_layer(
     stage: Usd.Stage, spec: CameraSpec, target: Path, *, name: str = "Camera"
 ) -> str:
