@@ -28,7 +28,7 @@ from usdsplat.render.lod.measure import Bools, NodeMeasure
 from usdsplat.render.lod.placing import Placing
 from usdsplat.render.screen import Screen
 
-FADE = 1.75
+FADE = 1.5
 """Ratio of the errors at which a node begins and ends to be drawn. The wider, the less a picture
 changes at once; but nodes are then drawn with larger errors, and beside their children for longer.
 Measured on a camera that goes back, see docs/performance.md."""
