@@ -18,6 +18,7 @@ from usdsplat import schema
 from usdsplat.core.cloud import SplatCloud
 from usdsplat.delegate.engine import Engine
 from usdsplat.images.color import decode
+from usdsplat.interchange.placement import set_op
 from usdsplat.render.frame_buffers import FrameBuffers
 from usdsplat.render.settings import RenderSettings
 from usdsplat.render.specs import Framing
@@ -148,6 +149,20 @@ def test_a_picture_that_no_field_needs_must_be_one(run, shot, tmp_path):
     named_hdri(path, sky_picture(tmp_path))
     status, _, err = run("relight", path, "-o", target, "--captured-hdri", tmp_path / "none.exr")
     assert status == 2 and "--captured-hdri: found " in err and not target.exists()
+
+
+def test_the_axes_of_a_capture_do_not_turn_the_hdri(run_json, shot, tmp_path):
+    """Oracle: the colours with a dome that stands upright in the world, where the field has axes
+    with y down, as most captures have."""
+    path, picture = shot(), sky_picture(tmp_path)
+    stage = Usd.Stage.Open(str(path))
+    set_op(stage.GetPrimAtPath(FIELD), np.diag([1.0, -1.0, -1.0, 1.0]))
+    stage.Save()
+    run_json("relight", path, "-o", tmp_path / "a.usda", "--captured-hdri", picture, *FAST)
+    named_hdri(path, picture)
+    run_json("relight", path, "-o", tmp_path / "b.usda", *FAST)
+    a, b = (colors(tmp_path / f"{name}.usda") for name in "ab")
+    np.testing.assert_allclose(a, b, atol=1e-6)
 
 
 def test_the_hdri_turns_with_the_capture(run_json, shot, tmp_path):

@@ -170,7 +170,7 @@ def test_after_arrival_splats_are_left_alone() -> None:
     for now in (0.0, 0.5, 1.1):
         assemble.place(state, goals, normals(state), FLIGHT, to_world=ONE, now=now)
     assert np.array_equal(state.positions, goals) and not (state.flags & FREE).any()
-    state.positions += np.float32(0.1)
+    state.positions = state.positions + np.float32(0.1)
     pushed = state.digest()
     assemble.place(state, goals, normals(state), FLIGHT, to_world=ONE, now=1.2)
     assert state.digest() == pushed

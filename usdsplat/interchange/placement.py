@@ -95,6 +95,15 @@ def set_op(prim: Usd.Prim, matrix: F64 | None) -> None:
     op.Set(Gf.Matrix4d(matrix.T.tolist()))  # Gf uses row vectors
 
 
+def from_capture(prim: Usd.Prim) -> Gf.Matrix4d:
+    """Return the matrix of `set_op`, for row vectors; the identity without one, or with ops within
+    it."""
+    ops = ordered_ops(prim)
+    if not ops or ops[-1].GetOpName() != OP:
+        return Gf.Matrix4d(1)
+    return Gf.Matrix4d(ops[-1].GetOpTransform(Usd.TimeCode.Default()))
+
+
 def field_path(stage: Usd.Stage, source: Path, asked: str | None) -> Sdf.Path:
     """Return the path of a field: `asked`, or in a new model named like the file.
 

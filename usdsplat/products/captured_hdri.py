@@ -7,13 +7,14 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
-from pxr import Sdf, Usd, UsdLux
+from pxr import Sdf, Usd, UsdGeom, UsdLux
 
 from usdsplat import schema
 from usdsplat.core.errors import FormatError, UsageError
 from usdsplat.core.findings import Finding
 from usdsplat.delegate.scene_delegate.unsupported import LIGHTS
 from usdsplat.images.texture import read_texture
+from usdsplat.interchange.placement import from_capture
 
 PHOTOGRAPHED = "SplatCapturedLight"
 """Name of the dome with the HDRI of the set below a field, on a layer that is not saved."""
@@ -23,7 +24,8 @@ PHOTOGRAPHED = "SplatCapturedLight"
 def photographed_in(stage: Usd.Stage, picture: Path | None) -> Iterator[None]:
     """Name hidden domes with a picture as the light of all photographs, while the stage is relit.
 
-    Each field has its own dome, which is below it: the set turns with the capture.
+    Each field has its own dome, which is below it: the set turns with the capture. Its top is up in
+    the space that an import turns the axes of a capture into.
 
     Raises:
         UsageError: If no field needs the picture, and it cannot be read.
@@ -47,6 +49,8 @@ def photographed_in(stage: Usd.Stage, picture: Path | None) -> Iterator[None]:
                 dome = UsdLux.DomeLight_1.Define(stage, path)
                 dome.CreateTextureFileAttr(str(picture.resolve()))
                 dome.MakeInvisible()
+                upright = from_capture(prim).GetInverse()
+                UsdGeom.Xformable(dome).AddTransformOp().Set(upright)
                 names = prim.CreateRelationship(schema.tokens.CAPTURED_LIGHTS, custom=False)
                 names.SetTargets([path])
         yield
