@@ -389,7 +389,12 @@ def test_another_file_keeps_exposure_and_colour_but_not_the_camera(
     viewer.use_camera("/Camera")
     viewer.add_bookmark("here")
     formats.write(procedural_capture(2000), tmp_path / "scan.ply")
-    now = opened(window, tmp_path / "scan.ply").context.viewer
+    window.open(tmp_path / "scan.ply")
+    _click(_box(window), "Leave")  # the bookmark
+    wait_until(lambda: window.workspace is not workspace)
+    assert window.workspace is not None
+    settled(window.workspace)
+    now = window.workspace.context.viewer
     assert now.state.display == DisplaySettings(exposure=-1.0, background="white")
     assert now.state.look == Look(settings=RenderSettings(color_mode="scene"))
     assert now.state.camera is None and now.bookmarks == ()
