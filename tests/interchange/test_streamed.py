@@ -15,6 +15,7 @@ from pxr import Usd
 from tests.delegate.stages import add_camera
 from tests.formats.hostile import bombs
 from tests.formats.samples import random_cloud
+from tests.slowness import slowness
 from usdsplat import formats, schema
 from usdsplat.core.edit import merge, take, with_sh_degree
 from usdsplat.core.errors import FormatError, UsdSplatError
@@ -255,7 +256,7 @@ def test_a_deep_tree_is_refused(tmp_path):
 
 
 def test_bombs_are_refused_at_once(tmp_path):
-    """Oracle: one sentence, in less than two seconds."""
+    """Oracle: one sentence, in less than two seconds of a usual machine."""
     paths = [each for each in bombs(tmp_path) if each.name.startswith("lod_")]
     assert len(paths) >= 3
     for path in paths:
@@ -263,7 +264,7 @@ def test_bombs_are_refused_at_once(tmp_path):
         with pytest.raises(UsdSplatError) as caught:
             open_capture(path)
         assert len(str(caught.value).splitlines()) == 1
-        assert time.process_time() - start < 2
+        assert time.process_time() - start < 2 * slowness()
 
 
 def test_opening_a_stage_does_not_load_what_builds_trees():
