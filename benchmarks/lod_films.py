@@ -29,6 +29,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import OpenImageIO as oiio
@@ -102,15 +103,12 @@ class Film:
             self._last = screens
             return choose(trees, self._held or screens, **options)
 
-        nodes.choose = chosen
-        if fade is not None:
-            Cut.refined = lambda cut, errors, _: refined(cut, errors, (fade, fade))  # type: ignore[method-assign]
-        try:
-            settings = replace(self._settings, lod_error=error)
+        def faded(cut: Cut, errors: Any, fades: tuple[float, float]) -> Any:
+            return refined(cut, errors, fades if fade is None else (fade, fade))
+
+        settings = replace(self._settings, lod_error=error)
+        with patch.object(nodes, "choose", chosen), patch.object(Cut, "refined", faded):
             bands = [band.arrays["color"].copy() for band in self._engine.render(view, settings)]
-        finally:
-            nodes.choose = choose
-            Cut.refined = refined  # type: ignore[method-assign]
         return np.concatenate(bands), self._last
 
 

@@ -108,8 +108,8 @@ class Device(Protocol):
         afterwards."""
 
     def copied(self, array: Any) -> Any:
-        """Return a copy of an array in the device's memory, which may change. The copy of an array
-        that is kept does not come from the host."""
+        """Return a new array in the device's memory with the contents of `array`; the caller may
+        change it. If `keep` has a copy of `array`, nothing is sent from the host."""
 
     def publish(self, array: Any) -> npt.NDArray[Any]:
         """Return a device array on the host, see `fetch`. A later `keep` of the result costs

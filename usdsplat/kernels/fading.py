@@ -27,7 +27,11 @@ WHOLE = 1 << 16
 
 @scalar
 def tallied(depth):
-    """Return σ of an optical depth in [0, 6.91], float64, to 1e-7."""
+    """Return the sum σ that stands for an optical depth, with an error of at most 1e-7.
+
+    Args:
+        depth: Optical depth, 0 to 6.91, float64.
+    """
     rest = 5.251317399800775e-06 + depth * (
         -8.173621262541837e-07 + depth * (5.3650451958793805e-08 - depth * 1.3836444240627135e-09)
     )
@@ -40,7 +44,11 @@ def tallied(depth):
 
 @scalar
 def depth_of(tally):
-    """Return the optical depth of σ in [0, 5.34], float64, to 1e-7."""
+    """Return the optical depth that a sum σ stands for, with an error of at most 1e-7.
+
+    Args:
+        tally: σ, the result of `tallied` or a sum of such, 0 to 5.34, float64.
+    """
     rest = -8.01612156509873e-05 + tally * (
         6.243037059633652e-06 + tally * (-3.0386559895602285e-07 + tally * 6.779911826422816e-09)
     )

@@ -115,7 +115,13 @@ def passed(fields, at, u, v, depth, sigma, is_parallel):
 
 @scalar
 def column(fields, at, name):
-    """Return one number of each of 16 casters."""
+    """Return the same number of 16 casters, as 16 lanes.
+
+    Args:
+        fields: Casters of a list in lanes, see `load_casters`.
+        at: Place of the first of the 16.
+        name: Column of the number, see `casters`.
+    """
     return load(fields, np.uint64(at) + np.uint64(name * TILE))
 
 

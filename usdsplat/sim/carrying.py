@@ -301,7 +301,13 @@ def _curvature(found: TransportMap) -> F32:
 
 
 def _order(found: TransportMap, down: F32 | None) -> F32:
-    """Return the rank of points by the length of their way, or along a direction, 0..1."""
+    """Return the order in which points start, from 0 for the first to 1 for the last, shape (c,).
+
+    Args:
+        found: Where points start and where they arrive.
+        down: Direction along which they start one after the other; None starts those with the
+            shortest way first.
+    """
     n, start = len(found.images), found.source.positions
     if down is None:
         value = np.linalg.norm(found.images - start, axis=1)
@@ -313,6 +319,6 @@ def _order(found: TransportMap, down: F32 | None) -> F32:
 
 
 def _part(values: F32) -> F32:
-    """Return values from 0 at the lowest to 1 at the highest."""
+    """Return values scaled so that the lowest is 0 and the highest is 1, shape (c,)."""
     low, high = float(values.min(initial=np.inf)), float(values.max(initial=-np.inf))
     return np.asarray((values - np.float32(low)) / np.float32(max(high - low, 1e-30)), np.float32)

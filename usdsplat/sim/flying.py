@@ -34,7 +34,7 @@ def in_flight(cloud: SplatCloud, part: F32, spacing: float, target: float) -> Sp
     if not len(rows):
         return cloud
     p = part[rows]
-    grain = _step(p / np.float32(TAKES_OFF)) * _step((1 - p) / np.float32(1 - LANDS))
+    grain = ramp(p, 0, TAKES_OFF) * ramp(1 - p, 0, 1 - LANDS)
     sizes = np.maximum(cloud.scales[rows], np.float32(1e-12))
     largest = sizes.max(axis=1)
     middle = np.maximum(sizes.sum(axis=1) - largest - sizes.min(axis=1), np.float32(1e-12))
@@ -43,12 +43,12 @@ def in_flight(cloud: SplatCloud, part: F32, spacing: float, target: float) -> Sp
     scales, opacities = cloud.scales.copy(), cloud.opacities.copy()
     scales[rows] = sizes ** (1 - grain[:, None]) * (round_**grain)[:, None]
     low, high = SEEN
-    whole = OPAQUE * _step((opacities[rows] - np.float32(low)) / np.float32(high - low))
+    whole = OPAQUE * ramp(opacities[rows], low, high)
     opacities[rows] += grain * (whole.astype(np.float32) - opacities[rows])
     return replace(cloud, scales=scales, opacities=opacities)
 
 
-def _step(values: F32) -> F32:
-    """Return the smoothstep of values between 0 and 1."""
-    t = np.clip(values, 0, 1)
-    return np.asarray(t * t * (3 - 2 * t), np.float32)
+def ramp(values: F32, first: float, last: float) -> F32:
+    """Return the smoothstep of values between two of them: 0 up to `first`, 1 from `last` on."""
+    part = np.clip((values - first) / (last - first), 0, 1)
+    return np.asarray(part * part * (3 - 2 * part), np.float32)

@@ -32,8 +32,8 @@ STEP = 0.35
 BESIDE = 2
 """Splats of a broken face beside each other, for each carrier at its seam."""
 TOP, COAT = 0.3, 0.45
-"""Depth of the uppermost splats of a broken face, and of the ground coat, in distances of
-carriers."""
+"""How deep below the captured surface the first row of splats of a broken face lies, and how deep
+the ground coat lies, in distances of carriers."""
 SOLID = 1.0
 """Depth from which there is something to fill, in distances of carriers."""
 MIDDLE = 0.72
@@ -49,13 +49,13 @@ ROUGH, TILT = 0.08, 0.16
 """Random shifts of splats across their face, in distances of carriers, and tilts."""
 OPACITY = 0.98
 GREY, DARK, GRAIN = 0.3, 0.88, 0.07
-"""How grey broken stone is, how bright relative to its surface, and how much that varies."""
+"""Broken stone: how grey, how bright relative to its surface, and how much brightness varies."""
 SHADE = 0.22
 """How much darker faces are that look down, so that they are told apart."""
 CELL = 1.2
-"""Edge of the cells in which it is looked for the inside, in distances of carriers."""
+"""Edge of the cells in which light is computed, in distances of carriers."""
 DIM = 0.03
-"""Light inside, at most, relative to that usual outside."""
+"""Largest light of a place inside, relative to the median of the light outside."""
 HIDDEN = 1.2
 """Distance to the surface from which captured splats in the dark vanish, in distances of
 carriers."""
@@ -73,7 +73,7 @@ children, which the differences of positions follow."""
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class _Fill:
-    """Splats that fill pieces, d of them."""
+    """The d splats that fill all pieces, and when each is born."""
 
     carriers: I64
     """The carrier that each follows, shape (d,)."""
@@ -281,7 +281,7 @@ def _captured(state: State) -> tuple[F32, F32, F32]:
 
 
 class _Inside:
-    """Where the solid of a capture is dark inside."""
+    """Tells places inside the capture, where hardly any light comes, from those outside."""
 
     def __init__(self, device: Device, carriers: Carriers) -> None:
         self._device, self._carriers = device, carriers

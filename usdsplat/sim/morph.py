@@ -20,6 +20,7 @@ from usdsplat.sim.carriers import Carriers
 from usdsplat.sim.carrying import Carrying
 from usdsplat.sim.conform import Rows
 from usdsplat.sim.conform_transport import MOST, TransportConform, below
+from usdsplat.sim.flying import ramp
 from usdsplat.sim.grounds import SheetGround, frame_triangle
 from usdsplat.sim.parameters import ConformParameters
 from usdsplat.sim.sheets import Sheet, outer_sheet
@@ -172,7 +173,7 @@ class Morph(TransportConform):
         """Return factors of the opacities at the time of the last `apply`, shape (n,)."""
         if not self._natives.any():
             return None
-        come, go = _ramp(self._way, *APPEARS), 1 - _ramp(self._way, *VANISHES)
+        come, go = ramp(self._way, *APPEARS), 1 - ramp(self._way, *VANISHES)
         return np.where(self._natives, come, go).astype(np.float32)
 
     def finished(self, frame: Frame) -> Frame:
@@ -180,7 +181,7 @@ class Morph(TransportConform):
         frame = super().finished(frame)
         if not self._natives.any():
             return frame
-        to = _ramp(self._way, *RECOLORED)
+        to = ramp(self._way, *RECOLORED)
         part = np.where(self._natives, 1 - to, to).astype(np.float32)
         sh = frame.cloud.sh * (1 - part[:, None, None])
         sh[:, 0] += part[:, None] * self._tints
@@ -251,9 +252,3 @@ def _colors(device: Device, sheet: Sheet, cloud: SplatCloud) -> F32:
     masses = (weights * total[sheet.near]).sum(axis=1)
     mixed = np.einsum("nk,nki->ni", weights, own[sheet.near])
     return (mixed / np.maximum(masses, 1e-30)[:, None]).astype(np.float32)
-
-
-def _ramp(way: F32, first: float, last: float) -> F32:
-    """Return the smoothstep between two values of the progress."""
-    part = np.clip((way - first) / (last - first), 0, 1)
-    return np.asarray(part * part * (3 - 2 * part))

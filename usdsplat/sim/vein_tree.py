@@ -89,7 +89,7 @@ class Veins:
         self._own = own
         self._of: F32 | None = None
         self.tree = _Tree.nothing(len(carriers))
-        """The veins, at the last time of `at`."""
+        """The veins as the last call of `at` found them."""
         self.radius = np.zeros(len(carriers), np.float32)
         """Radius of the vein that each carrier has splats of, in distances of carriers, then."""
 

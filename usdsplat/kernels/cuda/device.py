@@ -40,8 +40,8 @@ TOOLS = ("numba.", "cuda.")
 """Prefixes of the modules of GPU drivers and compilers."""
 
 PUBLISHED = 1 << 30
-"""Total size of GPU arrays that are held for what they were published as [byte]. A running
-simulation publishes some for every frame, and a window keeps the frames."""
+"""Largest total size of the copies that `publish` keeps on the GPU [byte]. A running simulation
+publishes arrays in every frame, and a window keeps the frames."""
 
 Form = Callable[..., Any]
 
@@ -106,7 +106,8 @@ class CudaDevice:
         self._constants = Constants(self.stream)
         self._kept: dict[int, tuple[weakref.ref[Any], Any]] = {}
         self._published: dict[int, int] = {}
-        """id(array) -> size [byte] of what `publish` holds, least recently used first."""
+        """Host arrays whose copies `publish` keeps: id(array) -> size [byte]. The first one was
+        used least recently."""
         self._lent: dict[tuple[int, str], Any] = {}
 
     def upload(self, array: npt.NDArray[Any]) -> npt.NDArray[Any]:
@@ -134,8 +135,8 @@ class CudaDevice:
         return self._in(np.require(array, requirements=["C", "A"]))
 
     def copied(self, array: Any) -> Any:
-        """Return a copy of an array on the GPU, which may change. Only the copy of a host array
-        that is not kept comes from the host."""
+        """Return a new array on the GPU with the contents of `array`; the caller may change it. If
+        `keep` has a copy of `array`, nothing is sent from the host."""
         source = self._kept_copy(array) if isinstance(array, np.ndarray) else array
         if source is None:
             return self._in(array)

@@ -53,10 +53,11 @@ MARGIN = np.float32(2e-6)
 GROWTH = 1.05
 """Growth of the smallest step of a march, from one step to the next."""
 STEEP = 0.5
-"""Cosine of the angle to a plane's normal below which a march that is under that plane turns to the
-normal."""
+"""Least cosine of the angle between the direction of a march and the normal of a plane, while the
+march is under the plane. A march at a larger angle continues along the normal."""
 FAR = 4.0
-"""Longest way out, relative to the depth and the radii of all bounded solids."""
+"""Longest way out of the solids, relative to the sum of the depth and of the radii of all bounded
+solids."""
 TOUCHED, MARCHED, TRAPPED, COUNTS = 0, 1, 2, 3
 """Columns of the counts of each block: contacts, those that Newton's method did not solve, and
 splats that remain inside."""

@@ -1,4 +1,5 @@
-"""New matter as tubes: splats along branches, around them, longer along the way than across."""
+"""New matter as tubes. Splats lie around the middle line of a branch, and are longer along it than
+across."""
 
 from __future__ import annotations
 
@@ -12,7 +13,8 @@ from usdsplat.kernels.sim.philox import ACCRETION, uniforms
 
 ZERO, ONE, HALF = np.float32(0), np.float32(1), np.float32(0.5)
 OPEN = np.float32(1.45)
-"""Largest angle around a tube from its highest line, to each side [rad]: it rests on the rest."""
+"""Largest angle of a splat from the highest line of a tube, around it to each side [rad]. Beyond
+it, the tube lies on the surface and is not seen."""
 ALONG, ACROSS = np.float32(0.8), np.float32(0.42)
 """Standard deviations of a splat: along a tube in distances of carriers, and across relative to its
 radius."""
@@ -25,7 +27,7 @@ def strokes(
     k, rows, carrier, layer, layers, ids, seed, normals, feet, ways, radii, numbers, ramp,
     light, positions, rotations, scales, opacities, colors,
 ):  # fmt: skip
-    """Place the splats of tubes.
+    """Compute place, shape and colour of splat `rows[k]`, which belongs to a tube.
 
     Args:
         rows: Rows of the splats in the arrays of the state, shape (d,) i64.
