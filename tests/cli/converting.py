@@ -92,8 +92,7 @@ def _run_and_exit(words: list[str], errors: int, memory: int) -> None:
 
 if __name__ == "__main__":
     modules = ["pxr.Usd", f"usdsplat.cli.{sys.argv[1]}", "usdsplat.interchange"]
-    if sys.argv[1] != "convert":
-        modules.append("usdsplat.delegate.engine")
+    modules += ["usdsplat.cli.stages", "usdsplat.products.checking"]
     for module in modules:
         importlib.import_module(module)  # so that no conversion is measured with its imports
     for line in sys.stdin.read().splitlines():

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -24,6 +26,16 @@ def test_a_capture_becomes_a_stage(run, capture, tmp_path):
     cloud = schema.fetch(stage.GetPrimAtPath("/ball/splats"))
     np.testing.assert_array_equal(cloud.positions, formats.read(capture).cloud.positions)
     assert UsdGeom.GetStageUpAxis(stage) == "Z"
+
+
+def test_captures_become_others_without_what_draws(capture, tmp_path):
+    """Oracle: sys.modules of a fresh interpreter."""
+    words = ["convert", str(capture), str(tmp_path / "a.spz")]
+    code = f"import sys; from usdsplat.cli.main import main; main({words}); print(*sys.modules)"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    loaded = set(run.stdout.split())
+    assert (tmp_path / "a.spz").exists() and "usdsplat.formats" in loaded
+    assert not loaded & {"numba", "scipy", "OpenImageIO", "usdsplat.delegate.engine"}
 
 
 @pytest.mark.parametrize(

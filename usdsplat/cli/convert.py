@@ -55,7 +55,7 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 from usdsplat.cli import console, edit_flags
 from usdsplat.cli.arguments import given
@@ -131,7 +131,7 @@ def _converted(
         WorthSharing: If several processes should convert the frames of a sequence.
     """
     from usdsplat.interchange import ImportReport, convert
-    from usdsplat.products.page import is_page, write_page
+    from usdsplat.interchange.files import is_page
 
     compiled: Callable[[], float] = float
     with ExitStack() as during:
@@ -153,6 +153,8 @@ def _converted(
             progress = SharedPace("frames", progress, here, compiled=compiled, again=True)
         made = _import_options(options)
         if is_page(target):
+            from usdsplat.products.page import write_page
+
             report: Report = write_page(
                 sources,
                 target,
@@ -256,10 +258,10 @@ def _export_options(
     a camera has a default time, and chooses for each frame of a sequence."""
     from usdsplat.formats import WriteOptions
     from usdsplat.images.frame_numbers import has_place
+    from usdsplat.interchange.files import is_page
     from usdsplat.interchange.options import ExportOptions
     from usdsplat.interchange.sequence_exporting import frames_of
     from usdsplat.interchange.tree_reading import TreeChoice
-    from usdsplat.products.page import is_page
 
     view, reads = options.view, options.stage_input
     time, findings = time_code(reads.frame), reporter.findings
@@ -296,11 +298,17 @@ def _opened(
     Raises:
         StrictError: If the command is strict and there is an error or a warning.
     """
-    from usdsplat.cli.stages import open_stage
     from usdsplat.interchange.files import is_usd
+
+    paths = list(filter(is_usd, sources))
+    if not paths:  # captures alone need none of what draws
+        yield []
+        return
+
+    from usdsplat.cli.stages import open_stage
     from usdsplat.products.checking import prim_findings
 
-    stages = [open_stage(each, StageOptions(), reporter) for each in filter(is_usd, sources)]
+    stages = [open_stage(each, StageOptions(), reporter) for each in paths]
     for stage in stages:
         reporter.findings.extend(prim_findings(stage, time))
     reporter.findings.check()
@@ -319,7 +327,7 @@ def _told(report: Report) -> str:
         SequenceImportReport,
         SplitReport,
     )
-    from usdsplat.products.page import PageReport
+    from usdsplat.interchange.files import is_page
 
     if isinstance(report, SplitReport):
         lines = [_told(part) for part in report.parts]
@@ -345,8 +353,8 @@ def _told(report: Report) -> str:
     else:
         lines += [f"  prim   {path}" for path in report.prim_paths]
         lines.append(f"  axes   {report.frame}")
-    if isinstance(report, PageReport):
-        lines += _told_of_page(report)
+    if is_page(report.target):
+        lines += _told_of_page(cast("PageReport", report))
     lines += [f"  error  {name} {bound}" for name, bound in report.error_bounds.items()]
     return "\n".join([*lines, *(f"  note   {note}" for note in report.notes)])
 

@@ -163,9 +163,8 @@ def check(options: Options, sources: Sequence[Path], target: str) -> None:
     from usdsplat.formats.options import SPZ_VERSIONS
     from usdsplat.images.frame_numbers import has_place
     from usdsplat.interchange.converting import check_sequences, check_target
-    from usdsplat.interchange.files import is_usd
+    from usdsplat.interchange.files import is_page, is_usd
     from usdsplat.interchange.sequence_files import is_sequence
-    from usdsplat.products.page import is_page
 
     if is_page(target):
         _check_page(options, sources, target)

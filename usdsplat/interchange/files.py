@@ -16,11 +16,17 @@ from usdsplat.schema.usd_files import export_layer, sentence
 from usdsplat.schema.value_clips import stage_files
 
 SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
+PAGE_SUFFIX = ".html"
 
 
 def is_usd(path: Path) -> bool:
     """Return whether the suffix is that of a USD file."""
     return path.suffix.lower() in SUFFIXES
+
+
+def is_page(target: Path | str) -> bool:
+    """Return whether the suffix is that of a page for a browser."""
+    return str(target).lower().endswith(PAGE_SUFFIX)
 
 
 def open_stage(path: Path) -> Usd.Stage:

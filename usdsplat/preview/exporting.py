@@ -11,7 +11,7 @@ from usdsplat.core.errors import UnknownFormatError
 from usdsplat.core.findings import Finding
 from usdsplat.images.background import NAMES
 from usdsplat.interchange.exporting import export_stage
-from usdsplat.interchange.files import SUFFIXES, is_usd
+from usdsplat.interchange.files import PAGE_SUFFIX, SUFFIXES, is_page, is_usd
 from usdsplat.interchange.options import ExportOptions, StageReading
 from usdsplat.interchange.repacking import repack
 from usdsplat.interchange.reports import ExportReport
@@ -20,15 +20,13 @@ from usdsplat.preview.document import Document
 from usdsplat.preview.saving import check_not_read
 from usdsplat.preview.stage_model.cameras import author_view
 from usdsplat.preview.values import ViewState
-from usdsplat.products.page import PageRequest, is_page, write_page
+from usdsplat.products.page import PageRequest, write_page
 from usdsplat.sim.stage.twins import twin
-
-PAGE = ".html"
 
 
 def suffixes() -> tuple[str, ...]:
     """Return the suffixes of files that can be written."""
-    return (*formats.suffixes_written(), *SUFFIXES, PAGE)
+    return (*formats.suffixes_written(), *SUFFIXES, PAGE_SUFFIX)
 
 
 def export_seen(document: Document, state: ViewState, path: Path | str) -> str:

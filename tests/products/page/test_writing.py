@@ -24,9 +24,10 @@ from usdsplat.core.errors import (
     UsageError,
 )
 from usdsplat.core.output import output_group
+from usdsplat.interchange.files import is_page
 from usdsplat.interchange.lod import LodOptions, build_tree
 from usdsplat.interchange.options import ExportOptions, ImportOptions
-from usdsplat.products.page import PageRequest, is_page, write_page, writing
+from usdsplat.products.page import PageRequest, write_page, writing
 from usdsplat.products.page.document import VIEWER, VIEWER_FILES
 from usdsplat.sim.stage.simulating import SimulateOptions, simulate
 

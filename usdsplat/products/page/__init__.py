@@ -7,6 +7,6 @@ folder with `index.html` for a host. `write_page` is the only function that othe
 from __future__ import annotations
 
 from usdsplat.products.page.camera import PageRequest
-from usdsplat.products.page.writing import PageReport, is_page, write_page
+from usdsplat.products.page.writing import PageReport, write_page
 
-__all__ = ["PageReport", "PageRequest", "is_page", "write_page"]
+__all__ = ["PageReport", "PageRequest", "write_page"]

@@ -45,7 +45,6 @@ from usdsplat.schema.stage_values import in_world, may_move
 from usdsplat.sim.stage.collections import find_simulations, splats
 from usdsplat.sim.stage.provenance import KEY
 
-SUFFIX = ".html"
 INDEX = "index.html"
 """Name of the page of a folder."""
 CAPTURE = "scene.sog"
@@ -74,11 +73,6 @@ class PageReport(ExportReport):
     """The page, and what is beside it."""
     bytes: int
     """Size of all files."""
-
-
-def is_page(target: Path | str) -> bool:
-    """Return whether a target is a page, by its suffix."""
-    return str(target).lower().endswith(SUFFIX)
 
 
 def write_page(
@@ -116,8 +110,8 @@ def write_page(
             empty.
     """
     path = Path(target)
-    if not is_page(path):
-        raise UnknownFormatError(str(path), f"suffix {path.suffix!r}", SUFFIX)
+    if not files.is_page(path):
+        raise UnknownFormatError(str(path), f"suffix {path.suffix!r}", files.PAGE_SUFFIX)
     check_folder(path.parent)
     stage, name, inputs = _opened(source, options, edits, progress)
     files.check_not_input(path, inputs)
