@@ -129,15 +129,15 @@ STRIPS = {
         frames=(1, 10, 16, 24, 40), turn=205, edit=visible,
     ),
     "wade": Strip(
-        capture="flowers_lod3_0.sog", preset="wade", frames=(4, 12, 18, 24, 40), edit=visible,
-        height=0.75, raised=0.12,
+        capture="flowers_lod2_0.sog", preset="wade", frames=(1, 13, 16, 20, 40), edit=visible,
+        height=0.7, raised=0.1,
     ),
     "shatter": Strip(
         capture="statue_trumpet.sog", preset="shatter", frames=(1, 8, 12, 17, 34), turn=205
     ),
     "conform": Strip(
-        capture="pod.spz", preset="conform", goal=FIGURE, frames=(1, 28, 42, 58, 80), height=2.3,
-        raised=0.35,
+        capture="pod.spz", preset="conform", goal=FIGURE, frames=(1, 28, 42, 58, 80), height=2.1,
+        raised=0.3, turn=80,
     ),
     "morph": Strip(
         capture="statue_trumpet.sog", preset="morph", goal="statue_massa.sog",
