@@ -12,8 +12,9 @@ from usdsplat.core.cloud import F32, F64, I32, SplatCloud
 from usdsplat.kernels.device import Device
 from usdsplat.kernels.sim import landing as kernels
 from usdsplat.kernels.sim import transport_map as map_kernels
+from usdsplat.sim.carriers import Binding
 from usdsplat.sim.following import Motion, follow
-from usdsplat.sim.grounds import Ground
+from usdsplat.sim.grounds import Footing, Ground
 from usdsplat.sim.sheets import OPAQUE, Sheet
 from usdsplat.sim.transport_map import TransportMap
 
@@ -93,6 +94,23 @@ class Carried:
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Landing:
+    """Where n splats of any size land on a target, as it was when the map was made."""
+
+    ground: Ground
+    binding: Binding
+    """Points of the map that each splat follows."""
+    footing: Footing
+    """Points of the target."""
+    normals: F32
+    """Normals of the source there, shape (n, 3)."""
+    heights: F32
+    """Heights over the source [unit], shape (n,)."""
+    gradient: F32
+    """Gradients that do not mirror, shape (n, 3, 3)."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Carrying:
     """A map of points with what splats take from it."""
 
@@ -126,8 +144,8 @@ class Carrying:
         rest: SplatCloud,
         *,
         down: F32 | None = None,
-    ) -> Carrying:
-        """Carry splats along a map.
+    ) -> tuple[Carrying, Landing]:
+        """Carry splats along a map. Return how, and where the capture's own land.
 
         Args:
             device: Runs the kernels.
@@ -151,7 +169,8 @@ class Carrying:
             bows=_bows(device, found),
             order=_order(found, down),
         )
-        return replace(plain, growth=plain._needed(ground, rest))
+        landing = plain.landing(ground, rest.positions)
+        return replace(plain, growth=plain._needed(landing, rest)), landing
 
     @classmethod
     def of(cls, device: Device, arrays: dict[str, npt.NDArray[Any]]) -> Carrying:
@@ -175,30 +194,17 @@ class Carrying:
             **{name: getattr(self, name) for name in names},
         }
 
-    def ranks(self, positions: F32) -> F32:
+    def ranks(self, landing: Landing) -> F32:
         """Return the rank of splats by the order of points, 0..1, shape (n,)."""
-        return self.read(self.order[:, None], positions)[:, 0].copy()
+        return read(self.order[:, None], landing)[:, 0].copy()
 
-    def read(self, values: F32, positions: F32) -> F32:
-        """Interpolate values of the points, shape (c, k), at splats at rest, shape (n, k)."""
-        binding = self.source.bind(self.device, positions)
-        found = np.einsum("nk,nki->ni", binding.weights, values[binding.near])
-        return found.astype(np.float32)
-
-    def land(self, ground: Ground, positions: F32, rotations: F32, scales: F32) -> Carried:
-        """Bind splats to a mesh.
+    def landing(self, ground: Ground, positions: F32) -> Landing:
+        """Return where splats land.
 
         Args:
             ground: The target as it was when the map was made.
-            positions, rotations, scales: The splats at rest, shapes (n, 3), (n, 4), (n, 3).
+            positions: The splats at rest, shape (n, 3).
         """
-        return self._landed(ground, positions, rotations, scales)[0]
-
-    def _landed(
-        self, ground: Ground, positions: F32, rotations: F32, scales: F32
-    ) -> tuple[Carried, F32, I32]:
-        """Return the binding of splats, the products of their two largest standard deviations, and
-        the point of the map that is nearest to each."""
         n, run, source = len(positions), self.device.run, self.source
         binding = source.bind(self.device, positions)
         feet, normals = np.empty((n, 3), np.float32), np.empty((n, 3), np.float32)
@@ -224,7 +230,24 @@ class Carrying:
             spacing=TORN * self.spacing,
         )
         follow(self.device, binding, motion, feet)
-        under = ground.under(feet)
+        return Landing(
+            ground=ground,
+            binding=binding,
+            footing=ground.under(feet),
+            normals=normals,
+            heights=heights,
+            gradient=gradient,
+        )
+
+    def land(self, landing: Landing, rotations: F32, scales: F32) -> Carried:
+        """Bind splats to the target, rotations and scales at rest, shapes (n, 4), (n, 3)."""
+        return self._landed(landing, rotations, scales)[0]
+
+    def _landed(self, landing: Landing, rotations: F32, scales: F32) -> tuple[Carried, F32]:
+        """Return the binding of splats, and the products of their two largest standard
+        deviations."""
+        n, source, binding = len(rotations), self.source, landing.binding
+        ground, under = landing.ground, landing.footing
         ratio = self.spacing / source.spacing
         bows = np.einsum("nk,nki->ni", binding.weights, self.bows[binding.near])
         growth, curvature = (
@@ -237,13 +260,14 @@ class Carrying:
         how = tuple(np.float32(ratio * each) for each in (*BAND, ACROSS))
         turns, stretches = np.empty((n, 4), np.float32), np.empty((n, 6), np.float32)
         lengths = np.empty((n, 2), np.float32)
-        run(
-            kernels.land, gradient, normals, under.ups, rotations, scales,
+        self.device.run(
+            kernels.land, landing.gradient, landing.normals, under.ups, rotations, scales,
             (growth, limits.astype(np.float32)), how,
             (under.faces, ground.frames), turns, stretches, lengths,
         )  # fmt: skip
         depths = np.float32(SUNK) * curvature * lengths[:, 0] ** 2
-        places, heights, depths = ground.placed(under, heights * np.float32(ratio), depths)
+        heights = landing.heights * np.float32(ratio)
+        places, heights, depths = ground.placed(under, heights, depths)
         carried = Carried(
             faces=under.faces,
             places=places,
@@ -254,11 +278,12 @@ class Carrying:
             sizes=ground.sizes[under.faces],
             bows=bows.astype(np.float32),
         )
-        return carried, lengths.prod(axis=1), binding.near[:, 0]
+        return carried, lengths.prod(axis=1)
 
-    def _needed(self, ground: Ground, rest: SplatCloud) -> F32:
+    def _needed(self, landing: Landing, rest: SplatCloud) -> F32:
         """Return the growth around each point that makes the splats there opaque, shape (c,)."""
-        _, areas, near = self._landed(ground, rest.positions, rest.rotations, rest.scales)
+        _, areas = self._landed(landing, rest.rotations, rest.scales)
+        near = landing.binding.near[:, 0]
         opacities = np.clip(rest.opacities.astype(np.float64), 0, OPAQUE)
         depth = -np.log1p(-opacities) * 2 * np.pi * areas
         depth = np.bincount(near, depth, len(self.source)) / self.spacing**2
@@ -273,6 +298,12 @@ class Carrying:
         weights = source.weights.astype(np.float64)
         total = (weights * values[source.near]).sum(axis=1)
         return np.asarray(total / weights.sum(axis=1))
+
+
+def read(values: F32, landing: Landing) -> F32:
+    """Interpolate values of a map's points, shape (c, k), at splats at rest, shape (n, k)."""
+    binding = landing.binding
+    return np.einsum("nk,nki->ni", binding.weights, values[binding.near]).astype(np.float32)
 
 
 def _bows(device: Device, found: TransportMap) -> F32:

@@ -20,10 +20,10 @@ from usdsplat.kernels.device import Device
 from usdsplat.kernels.sim import conform as conform_kernels
 from usdsplat.kernels.sim import landing as kernels
 from usdsplat.sim.carriers import Carriers
-from usdsplat.sim.carrying import Carried, Carrying
+from usdsplat.sim.carrying import Carried, Carrying, Landing
 from usdsplat.sim.conform import Rows
 from usdsplat.sim.flying import in_flight
-from usdsplat.sim.grounds import Ground, MeshGround
+from usdsplat.sim.grounds import MeshGround
 from usdsplat.sim.parameters import ConformParameters, Parameters
 from usdsplat.sim.sheets import MeshGoal, outer_sheet
 from usdsplat.sim.specs import Surface
@@ -100,7 +100,8 @@ class TransportConform:
         other = self.selected(np.concatenate([np.arange(len(self)), parents]))
         if self._carrying is not None and self._first is not None:
             mesh = TargetMesh(self._device, self._first)
-            children = self._carrying.land(MeshGround(mesh), positions, rotations, scales)
+            landing = self._carrying.landing(MeshGround(mesh), positions)
+            children = self._carrying.land(landing, rotations, scales)
             other._bound = other._bound.joined(children)
         return other
 
@@ -236,7 +237,7 @@ class TransportConform:
         with phase("transport", work=len(sheet)):
             found = match(device, sheet, MeshGoal(device, mesh, len(sheet)))
         ground = MeshGround(mesh)
-        self._finish(Carrying.along(device, found, ground, rest, down=self._down), ground, mesh)
+        self._finish(*Carrying.along(device, found, ground, rest, down=self._down), mesh)
 
     @property
     def _down(self) -> F32 | None:
@@ -251,15 +252,15 @@ class TransportConform:
         target."""
         return replace(self._rest, opacities=self._rest.opacities * (self._select > 0))
 
-    def _finish(self, carrying: Carrying, ground: Ground, mesh: TargetMesh) -> None:
+    def _finish(self, carrying: Carrying, landing: Landing, mesh: TargetMesh) -> None:
         """Bind all splats of the capture."""
         rest = self._rest
         self._carrying, self._first = carrying, mesh.surface
-        self._bound = carrying.land(ground, rest.positions, rest.rotations, rest.scales)
+        self._bound = carrying.land(landing, rest.rotations, rest.scales)
         if self._order is not None:
             self._ranks = np.clip(self._order, 0, 1).astype(np.float32)
         elif self._parameters.conform.order != "random":
-            self._ranks = carrying.ranks(rest.positions)
+            self._ranks = carrying.ranks(landing)
         else:
             self._ranks = self._drawn(self._ids)
 

@@ -17,7 +17,7 @@ from usdsplat.core.cloud import F32, I64, SplatCloud
 from usdsplat.core.progress import phase
 from usdsplat.kernels.device import Device
 from usdsplat.sim.carriers import Carriers
-from usdsplat.sim.carrying import Carrying
+from usdsplat.sim.carrying import Carrying, read
 from usdsplat.sim.conform import Rows
 from usdsplat.sim.conform_transport import MOST, TransportConform, below
 from usdsplat.sim.flying import ramp
@@ -89,18 +89,19 @@ class Morph(TransportConform):
         assert back is not None
         m = len(cloud)
         ground = self._ground(mesh, 1, Sheet.of(device, back.images, back.image_normals))
-        bound = back.land(ground, cloud.positions, cloud.rotations, cloud.scales)
+        landing = back.landing(ground, cloud.positions)
+        bound = back.land(landing, cloud.rotations, cloud.scales)
         rows = np.concatenate([np.arange(len(self)), np.zeros(m, np.int64)])
         other._bound = other._bound.selected(rows).joined(bound)
         other._select = np.concatenate([other._select, np.ones(m, np.float32)])
         other._part = np.concatenate([other._part, np.zeros(m, np.float32)])
         other._way = np.concatenate([other._way, np.zeros(m, np.float32)])
-        ranks = back.ranks(cloud.positions)
+        ranks = back.ranks(landing)
         if self._parameters.conform.order == "random" and self._order is None:
             ranks = self._drawn(-1 - np.arange(m, dtype=np.int64))
         other._ranks = np.concatenate([other._ranks, ranks])
         other._natives = np.concatenate([other._natives, np.ones(m, np.bool_)])
-        tints = back.read(other._colors, cloud.positions)
+        tints = read(other._colors, landing)
         other._tints = np.concatenate([other._tints, tints])
         return other
 
@@ -205,20 +206,20 @@ class Morph(TransportConform):
         ground = self._ground(mesh, 0, goal)
         with phase("transport", work=len(sheet)):
             found = match(device, sheet, ground.goal)
-        carrying = Carrying.along(device, found, ground, rest, down=self._down)
+        carrying, landing = Carrying.along(device, found, ground, rest, down=self._down)
         inverse = TransportMap(
             source=Sheet.of(device, found.images, found.ups),
             images=sheet.positions,
             ups=sheet.normals,
             spacing=sheet.spacing,
         )
-        back = Carrying.along(device, inverse, self._ground(mesh, 1, sheet), cloud)
+        back, _ = Carrying.along(device, inverse, self._ground(mesh, 1, sheet), cloud)
         self._back = replace(back, bows=carrying.bows, order=carrying.order)
-        self._finish(carrying, ground, mesh)
+        self._finish(carrying, landing, mesh)
         self._colors = _colors(device, sheet, rest)
         there = goal.bind(device, found.images)
         ends = np.einsum("nk,nki->ni", there.weights, _colors(device, goal, cloud)[there.near])
-        self._tints = carrying.read(ends.astype(np.float32), rest.positions)
+        self._tints = read(ends.astype(np.float32), landing)
 
     def _ground(self, mesh: TargetMesh, face: int, sheet: Sheet) -> SheetGround:
         keep = self._parameters.conform.keep_thickness
