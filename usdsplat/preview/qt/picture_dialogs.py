@@ -137,7 +137,9 @@ class FlipbookDialog(QDialog):
         self.hint = QLabel(STILL)
         self.hint.setProperty("role", "animated")
         self.hint.setVisible(is_still)
-        self._complain = context.complain
+        self._context = context
+        self._complaint = ""
+        """Sentence of the last problem with what was typed."""
         self.first, self.last, self.step = (
             NumberField(name) for name in ("First frame", "Last frame", "Step")
         )
@@ -193,13 +195,16 @@ class FlipbookDialog(QDialog):
         dialog.setOption(QFileDialog.Option.DontConfirmOverwrite)
 
     def _accept(self) -> None:
-        """Accept; ask once before overwriting existing frames."""
+        """Accept, if everything can be written; ask once before overwriting existing frames."""
+        path, frames = Path(self.name.text()), self.frames()
+        self._context.settled.emit(self._complaint)
         try:
-            files = saving.targets(Path(self.name.text()), self.frames())
+            saving.check_flipbook(path, frames)
         except UsdSplatError as error:
-            self._complain(str(error))
+            self._complaint = str(error)
+            self._context.complain(self._complaint)
             return
-        there = [path for path in files if path.exists()]
+        there = [each for each in saving.targets(path, frames) if each.exists()]
         if not there:
             self._choose()
             return
