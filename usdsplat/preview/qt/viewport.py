@@ -206,6 +206,7 @@ class Viewport(QWidget):
             wipe=None if state.other is None else state.wipe,
             wipe_is_hot=self._hot.is_wipe,
             box=self._hold.rectangle if isinstance(self._hold, BoxHold) else None,
+            dragged=self._hold.words if isinstance(self._hold, HandleHold) else "",
             shows_hud=self.shows_hud,
             rate=self._rate.per_second,
         )

@@ -149,6 +149,23 @@ def paint_badge(painter: QPainter, text: str, top: QPointF) -> QRectF:
     return pane
 
 
+def paint_label(painter: QPainter, text: str, top: QPointF, place: QRectF) -> QRectF:
+    """Paint text on a pane with its top at the middle of a point, moved into a place if it would
+    lie outside of it; return its rectangle."""
+    font = style.digits()
+    font.setPointSizeF(10.0)
+    painter.setFont(font)
+    metrics = QFontMetricsF(font)
+    width, height = metrics.horizontalAdvance(text) + 2 * PAD, metrics.height() + PAD
+    inner = place.adjusted(MARGIN, MARGIN, -MARGIN - width, -MARGIN - height)
+    left = min(max(top.x() - 0.5 * width, inner.left()), max(inner.right(), inner.left()))
+    pane = QRectF(left, min(max(top.y(), inner.top()), inner.bottom()), width, height)
+    _paint_pane(painter, pane)
+    painter.setPen(style.TEXT)
+    painter.drawText(pane, Qt.AlignmentFlag.AlignCenter, text)
+    return pane
+
+
 def _grouped(number: int) -> str:
     """Format a number with thin spaces between thousands."""
     return f"{number:,}".replace(",", "\u2009")
