@@ -110,3 +110,33 @@ def test_what_cannot_be_moved_has_no_fields(window: Window, tmp_path: Path) -> N
     wait_until(workspace.prim.pose.isVisible)
     click_cell(workspace, "/Look", NAME)
     wait_until(lambda: workspace.prim.properties.rows and not workspace.prim.pose.isVisible())
+
+
+def test_properties_are_searched_and_the_keys_are_those_of_the_search_of_prims(
+    window: Window, workspace: Workspace
+) -> None:
+    """Oracle: the rows that have the word, also of the prim that is selected next; Ctrl-F goes to
+    the search of the panel that has the focus, and Escape clears it, then leaves."""
+    click_cell(workspace, "/Camera", NAME)
+    panel = workspace.prim
+    wait_until(lambda: len(panel.properties.rows) > 10)
+    press(window, "Ctrl+F")
+    assert workspace.tree.box.hasFocus()
+    QTest.mouseClick(panel.view.viewport(), LEFT)
+    press(window, "Ctrl+F")
+    assert panel.box.hasFocus()
+    QTest.keyClicks(panel.box, "aperture")
+    names = {row.name for row in panel.properties.rows}
+    assert names == {
+        f"{way}Aperture{end}" for way in ("horizontal", "vertical") for end in ("", "Offset")
+    }
+    panel.box.setText("visib")
+    click_cell(workspace, "/World/A", NAME)
+    wait_until(lambda: panel.pose.isVisible())
+    assert {row.name for row in panel.properties.rows} == {"visibility", "Visibility, inherited"}
+    panel.box.setFocus()
+    QTest.keyClick(panel.box, Qt.Key.Key_Escape)
+    assert panel.box.text() == "" and panel.box.hasFocus()
+    assert len(panel.properties.rows) > 10
+    QTest.keyClick(panel.box, Qt.Key.Key_Escape)
+    assert workspace.viewport.hasFocus()

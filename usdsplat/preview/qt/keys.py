@@ -54,7 +54,7 @@ KEYS = (
     Key(name="quit", menu="File", text="Quit", keys=("Ctrl+Q",)),
     Key(name="undo", menu="Edit", text="Undo", keys=("Ctrl+Z",)),
     Key(name="redo", menu="Edit", text="Redo", keys=("Shift+Ctrl+Z", "Ctrl+Y")),
-    Key(name="find", menu="Edit", text="Find a prim", keys=("Ctrl+F",), begins=True),
+    Key(name="find", menu="Edit", text="Find a prim or a property", keys=("Ctrl+F",), begins=True),
     Key(name="deselect", menu="Edit", text="Clear the selection", keys=("Shift+Ctrl+A",)),
     Key(name="tool_none", menu="Edit", text="Select", keys=("Q",), is_checkable=True, begins=True),
     Key(name="tool_translate", menu="Edit", text="Move", keys=("W",), is_checkable=True),

@@ -31,6 +31,7 @@ from usdsplat.preview.qt.knob_widgets import ValueWidget, make_widget
 from usdsplat.preview.qt.panel_context import PanelContext, Question
 from usdsplat.preview.qt.pose_fields import PoseFields
 from usdsplat.preview.qt.row_model import Column, RowModel
+from usdsplat.preview.qt.search_box import SearchBox
 from usdsplat.preview.stage_model import poses, properties
 from usdsplat.preview.stage_model.edits import Edits
 from usdsplat.preview.stage_model.poses import Part, Pose
@@ -64,6 +65,8 @@ class PrimPanel(QTabWidget):
         super().__init__(parent)
         self._context = context
         self._shown: tuple[str, float | None] | None = None
+        self._rows: tuple[PropertyRow, ...] = ()
+        """All properties, of which the search shows some."""
         self._question = Question(self, self._ask)
         self.properties = RowModel(_PROPERTY, key=lambda row: row.name, parent=self)
         self.metadata = RowModel(_METADATA, key=lambda row: row.name, parent=self)
@@ -79,11 +82,17 @@ class PrimPanel(QTabWidget):
         self.pose = PoseFields()
         self.pose.entered.connect(self._set_pose)
         self.pose.refused.connect(context.complain)
+        self.box = SearchBox("Search properties by name, type or value")
+        self.box.textChanged.connect(lambda text: self._show_matching())
+        line = QVBoxLayout()
+        line.setContentsMargins(6, 4, 6, 4)
+        line.addWidget(self.box)
         page = QWidget()
         column = QVBoxLayout(page)
         column.setContentsMargins(0, 0, 0, 0)
         column.setSpacing(0)
         column.addWidget(self.pose)
+        column.addLayout(line)
         column.addWidget(self.view, 1)
         self.addTab(page, "Properties")
         self.addTab(_table(self.metadata, (150, 0)), "Metadata")
@@ -95,7 +104,7 @@ class PrimPanel(QTabWidget):
 
     def _follow_tree(self, picture: Picture) -> None:
         """Show what is drawn of a selected splat tree, and what is in memory, after a picture."""
-        if any(row.name == DRAWN for row in self.properties.rows):
+        if any(row.name == DRAWN for row in self._rows):
             self._question.refresh()
 
     def _follow(self) -> None:
@@ -112,7 +121,8 @@ class PrimPanel(QTabWidget):
         def answered(found: _Prim) -> None:
             done()
             if path == self._context.selected:
-                self.properties.show_rows(found.properties)
+                self._rows = found.properties
+                self._show_matching()
                 self.metadata.show_rows(found.metadata)
                 self.composition.show_rows(found.composition)
                 self.pose.show_pose(found.pose)
@@ -122,6 +132,9 @@ class PrimPanel(QTabWidget):
             answered,
             lambda error: answered(_Prim()),
         )
+
+    def _show_matching(self) -> None:
+        self.properties.show_rows(properties.matching(self._rows, self.box.text()))
 
     def _set_pose(self, part: Part, axis: int, value: float) -> None:
         near, path = self.pose.pose, self._context.selected

@@ -7,7 +7,15 @@ from collections.abc import Callable
 from functools import partial
 
 from PySide6.QtCore import Qt, QTimer, Signal
-from PySide6.QtWidgets import QInputDialog, QMenu, QSplitter, QTabWidget, QVBoxLayout, QWidget
+from PySide6.QtWidgets import (
+    QApplication,
+    QInputDialog,
+    QMenu,
+    QSplitter,
+    QTabWidget,
+    QVBoxLayout,
+    QWidget,
+)
 
 from usdsplat.preview import opening
 from usdsplat.preview.display import choices
@@ -194,6 +202,11 @@ class Workspace(QWidget):
         if self.viewport.hasFocus():
             self.context.viewer.select(())
         self.viewport.setFocus()
+
+    def search(self) -> None:
+        """Focus the search of properties if the focus is in their panel, else that of prims."""
+        is_prim = self.prim.isAncestorOf(QApplication.focusWidget() or self)
+        (self.prim.box if is_prim else self.tree.box).setFocus()
 
     def undo(self) -> None:
         """Undo the last edit."""
