@@ -29,6 +29,7 @@ from usdsplat.preview.qt.prim_tree import PrimTree
 from usdsplat.preview.qt.probe_panel import ProbePanel
 from usdsplat.preview.qt.render_panel import RenderPanel
 from usdsplat.preview.qt.session_proxy import SessionProxy
+from usdsplat.preview.qt.shadow_hint import ShadowHint
 from usdsplat.preview.qt.simulation_panel import SimulationPanel
 from usdsplat.preview.qt.timeline_bar import TimelineBar
 from usdsplat.preview.qt.view_strip import ViewStrip
@@ -93,6 +94,7 @@ class Workspace(QWidget):
         self.prim = PrimPanel(context)
         self.render_panel = RenderPanel(context, device=device)
         LightHint(context, self.render_panel.lights, self.notices)
+        ShadowHint(context, self.notices)
         self.simulation = SimulationPanel(context)
         self.probe = ProbePanel(context, self.viewport)
         self.timeline = TimelineBar(context)
