@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from pxr import Sdf, Usd
-from PySide6.QtCore import Qt
+from PySide6.QtCore import QPoint, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QCheckBox, QFileDialog, QLineEdit, QMessageBox
 
@@ -57,6 +57,38 @@ def test_buttons_run_pause_step_and_reset_and_the_timeline_follows(workspace: Wo
     QTest.mouseClick(panel.reset, LEFT)
     wait_until(lambda: panel.status.state == "ready")
     wait_until(lambda: workspace.timeline.ruler.cached is None)
+
+
+def test_a_frame_that_is_not_simulated_says_so_while_it_is_scrubbed(workspace: Workspace) -> None:
+    """Oracle: the frames of the status; the words are painted, and at the start and on simulated
+    frames there are none."""
+    panel, ruler, viewport = workspace.simulation, workspace.timeline.ruler, workspace.viewport
+    wait_until(lambda: panel.status.state == "ready")
+
+    def scrub_to(frame: float) -> str:
+        part = (frame - 1) / (LAST - 1)
+        at = QPoint(round(ruler.rect().left() + part * (ruler.width() - 1)), ruler.height() // 2)
+        QTest.mousePress(ruler, LEFT, pos=at)
+        QTest.mouseRelease(ruler, LEFT, pos=at)
+        assert workspace.context.time == frame
+        return viewport.badges.unsimulated
+
+    assert viewport.badges.unsimulated == ""
+    assert scrub_to(3) == "Frame 3 is not simulated yet"
+    assert scrub_to(1) == ""
+    for frame in (1, 2):
+        QTest.mouseClick(panel.step, LEFT)
+        wait_until(lambda frame=frame: panel.status.frames == (1, frame))
+        wait_until(lambda: panel.status.state == "paused")
+    assert scrub_to(2) == ""
+    windows.settled(workspace)
+    plain = viewport.grab().toImage()
+    assert scrub_to(4) == "Frame 4 is not simulated yet: this is 2"
+    windows.settled(workspace)
+    assert viewport.grab().toImage() != plain
+    QTest.mouseClick(panel.run, LEFT)
+    wait_until(lambda: panel.status.frame == LAST and panel.status.state == "paused")
+    assert viewport.badges.unsimulated == ""
 
 
 def test_a_parameter_is_turned_and_taken_back(window: Window, workspace: Workspace) -> None:

@@ -16,6 +16,8 @@ RADIUS = 5.0
 MARGIN = 10.0
 """Margin from the viewport's edges [pixel of the window]."""
 PAD = 8.0
+GAP = 6.0
+"""Distance of two badges."""
 STEPS: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("prepare", ("sync", "lay out", "surfaces", "nodes")),
     ("light", ("light splats",)),

@@ -57,6 +57,23 @@ class Rate:
         return (len(self._times) - 1) / (self._times[-1] - self._times[0])
 
 
+@dataclass(slots=True)
+class Badges:
+    """What is said over the picture, or before the first one."""
+
+    waiting: str = PREPARING
+    """What the first picture waits for."""
+    progress: str = ""
+    """How far the light of the next picture is; "" if it is not known."""
+    unsimulated: str = ""
+    """That the shown time is not simulated; "" if it is."""
+
+    def follow(self, busy: Busy) -> None:
+        """Say what a session does."""
+        self.progress = progress_of(busy)
+        self.waiting = f"{busy.what[:1].upper()}{busy.what[1:]}…" if busy.what else PREPARING
+
+
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Scene:
     """The data of one painted viewport."""
@@ -74,8 +91,7 @@ class Scene:
     """Lights at their places now."""
     side: int
     """Side of a comparison whose name stands out: 0 is left."""
-    progress: str
-    """How far the light of the next picture is; "" if it is not known."""
+    badges: Badges
     edges: Sequence[QLineF]
     """The edges of meshes."""
     affectors: Sequence[QLineF]
@@ -185,9 +201,12 @@ def _paint_words(painter: QPainter, place: QRectF, scene: Scene) -> None:
         right = tag.left() - 6.0
     if scene.manipulator is not None and scene.dragged:
         hud.paint_label(painter, scene.dragged, _below(scene.manipulator, scene), place)
+    middle = QPointF(place.center().x(), hud.MARGIN)
+    if scene.badges.unsimulated:
+        pane = hud.paint_badge(painter, scene.badges.unsimulated, middle)
+        middle.setY(pane.bottom() + hud.GAP)
     if picture.lacks_light:
-        middle = QPointF(place.center().x(), hud.MARGIN)
-        hud.paint_badge(painter, scene.progress or LIGHTING, middle)
+        hud.paint_badge(painter, scene.badges.progress or LIGHTING, middle)
     if picture.scale > 1.0:
         mark = f"coarse ×{picture.scale:g}"
         hud.paint_tag(painter, mark, QPointF(right, bottom), right=True, color=style.ANIMATED)

@@ -36,6 +36,7 @@ from usdsplat.preview.qt.view_strip import ViewStrip
 from usdsplat.preview.qt.viewport import Viewport
 from usdsplat.preview.stage_model import cameras
 from usdsplat.preview.stage_model.edits import Edits
+from usdsplat.preview.unsimulated import unsimulated
 from usdsplat.preview.values import Opened, Problem
 from usdsplat.render.specs import CameraSpec
 
@@ -280,6 +281,7 @@ class Workspace(QWidget):
         self.tree.frame_requested.connect(lambda path: context.viewer.frame((path,)))
         self.viewport.focus_requested.connect(self._aim)
         context.view_changed.connect(lambda: self.viewport.set_side(context.side))
+        context.view_changed.connect(self._say_unsimulated)
         self.render_panel.device_chosen.connect(self.device_chosen)
 
     def _lay_out(self) -> None:
@@ -352,6 +354,19 @@ class Workspace(QWidget):
     def _say(self, problem: Problem) -> None:
         self.problems.say(problem.sentence)
         self._of_picture = problem.sentence if problem.of_picture else ""
+
+    def _say_unsimulated(self) -> None:
+        """Say it if the shown time is not simulated."""
+        context = self.context
+        words = unsimulated(
+            context.simulation,
+            context.time,
+            start=context.viewer.timeline.start,
+            is_baked=context.baked is not None,
+        )
+        if words != self.viewport.badges.unsimulated:
+            self.viewport.badges.unsimulated = words
+            self.viewport.update()
 
     def _settle(self, sentence: str) -> None:
         if self.problems.sentence == sentence:
