@@ -123,7 +123,7 @@ class EdgeLines:
     def of(
         self, picture: Picture, size: tuple[int, int], projection: Projection
     ) -> Sequence[QLineF]:
-        """Return the lines; edges that reach behind the camera are left out.
+        """Return the lines; edges that reach behind the camera are cut at its near plane.
 
         Args:
             picture: The displayed picture.
@@ -155,8 +155,14 @@ def paint_affectors(painter: QPainter, lines: Sequence[QLineF], *, ratio: float)
 
 def _lines_of(edges: MeshEdges, projection: Projection) -> Iterator[QLineF]:
     points = edges.segments.reshape(-1, 3) @ edges.to_world[:3, :3].T + edges.to_world[:3, 3]
-    is_ahead = (projection.depths(points) > projection.near).reshape(-1, 2).all(axis=1)
-    pixels = projection.pixels(points).reshape(-1, 4)[is_ahead]
+    ahead = (projection.depths(points) - projection.near).reshape(-1, 2)
+    is_seen = (ahead > 0).any(axis=1)
+    ends, ahead = points.reshape(-1, 2, 3)[is_seen], ahead[is_seen]
+    for one, other in ((0, 1), (1, 0)):
+        is_cut = ahead[:, one] < 0
+        part = ahead[is_cut, one] / (ahead[is_cut, one] - ahead[is_cut, other])
+        ends[is_cut, one] += part[:, None] * (ends[is_cut, other] - ends[is_cut, one])
+    pixels = projection.pixels(ends.reshape(-1, 3)).reshape(-1, 4)
     return (QLineF(*line) for line in pixels.tolist())
 
 
