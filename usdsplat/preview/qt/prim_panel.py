@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from PySide6.QtCore import QModelIndex, QPoint, Qt
+from PySide6.QtCore import QModelIndex, QPersistentModelIndex, QPoint, Qt
 from PySide6.QtGui import QColor, QFont, QGuiApplication
 from PySide6.QtWidgets import (
     QAbstractItemDelegate,
@@ -187,6 +187,14 @@ class _ValueDelegate(QStyledItemDelegate):
         super().__init__(parent)
         self._edit = edit
         self._refused = parent._context.complain
+
+    def initStyleOption(
+        self, option: QStyleOptionViewItem, index: QModelIndex | QPersistentModelIndex
+    ) -> None:
+        """Cut long names at their beginning: those of a namespace differ at the end."""
+        super().initStyleOption(option, index)
+        if index.column() == 0:
+            option.textElideMode = Qt.TextElideMode.ElideLeft
 
     def createEditor(  # type: ignore[override]
         self, parent: QWidget, option: QStyleOptionViewItem, index: QModelIndex
