@@ -53,6 +53,14 @@ def test_a_stage_without_lights_says_so_and_offers_one(
     assert context.picture is not None and context.picture.lights == 0
 
 
+def test_a_warning_is_not_said_once_it_is_over(window: Window, workspace: Workspace) -> None:
+    """Oracle: the status bar, of which nothing else takes the words."""
+    workspace.context.set_look(settings=RenderSettings(lighting="relit"))
+    wait_until(lambda: window.note == NO_LIGHTS)
+    workspace.context.set_look(settings=RenderSettings())
+    wait_until(lambda: window.note == "")
+
+
 def test_a_light_that_splats_do_not_show_says_so_and_offers_it(
     window: Window, workspace: Workspace
 ) -> None:

@@ -35,7 +35,8 @@ class ViewStrip(QWidget):
     ) -> None:
         super().__init__(parent)
         self._context = context
-        self.camera = _choices("Camera to look through", 150)
+        self.camera = _choices("Camera to look through", 84)
+        self.camera.setMaximumWidth(170)
         self.camera.activated.connect(self._use_camera)
         self.aov = _choices("What is shown of each pixel ([ and ])", 110)
         self.aov.activated.connect(lambda index: context.set_look(aov=self.aov.itemText(index)))
@@ -66,12 +67,18 @@ class ViewStrip(QWidget):
                 label.setProperty("role", "quiet")
                 line.addWidget(label)
                 labels[word] = label
-            line.addWidget(widget)
+            line.addWidget(widget, 100 * (widget is self.camera))
             line.addSpacing(style.GAP)
         line.addStretch(1)
         line.addWidget(marks)
         self.aov_label = labels["AOV"]
-        self._spare: tuple[QWidget, ...] = (*labels.values(), self.exposure, self.channel, marks)
+        self._spare: tuple[QWidget, ...] = (
+            *labels.values(),
+            self.exposure,
+            self.channel,
+            marks,
+            self.aov,
+        )
         """Widgets that are hidden first if there is not enough room."""
         context.view_changed.connect(self.follow)
         self.follow()

@@ -44,7 +44,7 @@ LOOK_AT_FILES = 2000
 """Interval of checks for changed files [ms]."""
 SIDES = (330, 920, 350)
 """Initial widths of tree, viewport and panels [pixel]."""
-NARROWEST = (260, 240, 316)
+NARROWEST = (260, 250, 316)
 """Minimum widths of tree, viewport and panels [pixel]."""
 
 
