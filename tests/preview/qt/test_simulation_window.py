@@ -5,17 +5,19 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
-from pxr import Sdf, Usd
+from pxr import Sdf, Usd, UsdGeom
 from PySide6.QtCore import QPoint, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QCheckBox, QFileDialog, QLineEdit, QMessageBox
 
 from tests.preview.qt import windows
 from tests.preview.qt.conftest import wait_until
-from tests.preview.qt.windows import LEFT, opened, press, type_into
+from tests.preview.qt.windows import LEFT, opened, press, settled, type_into
 from tests.preview.simulating.hosts import shot
 from tests.preview.stage_model.stages import rich
+from tests.sim.stage.stages import simulation_of
 from usdsplat.preview.qt import remembered
 from usdsplat.preview.qt.picture_dialogs import FlipbookDialog
 from usdsplat.preview.qt.window import Window
@@ -264,3 +266,42 @@ def test_keys_run_and_pause(window: Window, workspace: Workspace) -> None:
     wait_until(lambda: panel.status.frame is not None)
     press(window, "Ctrl+Home")
     wait_until(lambda: panel.status.state == "ready")
+
+
+def test_a_click_on_its_outline_selects_what_acts_on_a_simulation(
+    window: Window, tmp_path: Path
+) -> None:
+    """Oracle: the selection, by the place of a point of the ball's circle; its middle is that of
+    what is seen there, Shift takes it out, and hidden outlines are no target."""
+    stage = shot(tmp_path, {}, last=LAST)
+    ball = UsdGeom.Sphere.Define(stage, "/World/Ball")
+    ball.CreateRadiusAttr(0.5)
+    ball.CreatePurposeAttr("guide")
+    author(ball.GetPrim(), {"affector:role": "collide"})
+    link = simulation_of(stage).CreateRelationship("collection:affectors:includes", custom=False)
+    link.AddTarget("/World/Ball")
+    stage.Save()
+    workspace = opened(window, Path(stage.GetRootLayer().realPath))
+    viewport, viewer = workspace.viewport, workspace.context.viewer
+    wait_until(lambda: any(each.path for each in settled(workspace).overlays.affectors))
+    (edges,) = [each for each in settled(workspace).overlays.affectors if each.path]
+    assert viewport.projection is not None
+
+    def place(point: np.ndarray) -> QPoint:
+        world = edges.to_world[:3, :3] @ point + edges.to_world[:3, 3]
+        x, y = viewport.projection.pixels(world)[0] / viewport.devicePixelRatioF()
+        return QPoint(round(x), round(y))
+
+    on_it = place(edges.segments[7, 0])
+    QTest.mouseMove(viewport, on_it)
+    QTest.mouseClick(viewport, LEFT, pos=on_it)
+    assert viewer.state.selected == ("/World/Ball",)
+    QTest.mouseClick(viewport, LEFT, Qt.KeyboardModifier.ShiftModifier, on_it)
+    assert viewer.state.selected == ()
+    QTest.mouseClick(viewport, LEFT, pos=place(np.zeros(3)))
+    assert viewer.state.selected != ("/World/Ball",)
+    press(window, "G")
+    wait_until(lambda: not settled(workspace).overlays.affectors)
+    viewer.select(())
+    QTest.mouseClick(viewport, LEFT, pos=on_it)
+    assert viewer.state.selected != ("/World/Ball",)

@@ -131,6 +131,7 @@ GESTURES = (
     ("W A S D Q E with the right button", "fly; the wheel sets the speed, Shift is faster"),
     ("Click", "select the prim, and show the splat's values"),
     ("Click the figure of a light", "select the light; the manipulator moves it"),
+    ("Click the outline of an affector", "select the affector; the manipulator moves it"),
     ("Shift + click", "add the prim to the selection, or take it out"),
     ("Left drag with the Select tool, Ctrl + left drag", "select the prims in a box"),
     ("Shift + left drag with the Select tool", "add the prims in a box to the selection"),

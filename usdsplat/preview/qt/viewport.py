@@ -173,6 +173,7 @@ class Viewport(QWidget):
             projection=self.projection,
             manipulator=self.manipulator,
             lights=self._lights(),
+            outlines=() if self.picture is None else self.picture.overlays.affectors,
             ratio=self.devicePixelRatioF(),
         )
 
