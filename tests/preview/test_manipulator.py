@@ -285,6 +285,45 @@ def test_a_step_is_round_and_about_a_tenth_of_a_handle(length: float, step: floa
     assert snapping_step(length) == pytest.approx(step)
 
 
+@pytest.mark.parametrize(
+    ("mode", "handle", "words"),
+    [
+        ("translate", "x", "X +0.5"),
+        ("translate", "zx", "X +0.5   Z -0.25"),
+        ("rotate", "z", "Z +30.0°"),
+        ("scale", "y", "Y ×1.500"),
+        ("scale", "view", "×2.000"),
+    ],
+)
+def test_a_drag_says_what_it_changes(mode: Mode, handle: Handle, words: str) -> None:
+    """Oracle: the numbers of the drag, by hand; nothing before it moves."""
+    manipulator = Manipulator(matrix=np.eye(4), mode=mode)
+    ends = {
+        ("translate", "x"): ((0.4, 0.0, 0.0), (0.9, 0.0, 0.0)),
+        ("translate", "zx"): ((0.1, 0.0, 0.1), (0.6, 0.0, -0.15)),
+        ("rotate", "z"): ((0.3, 0.0, 0.0), (0.3 * math.cos(math.pi / 6), 0.15, 0.0)),
+        ("scale", "y"): ((0.0, 0.4, 0.0), (0.0, 0.6, 0.0)),
+    }
+    begun, ended = (
+        (pixel_of(np.array(point)) for point in ends[mode, handle])
+        if (mode, handle) in ends
+        else ((300.0, 300.0), (300.0 + LENGTH, 300.0))
+    )
+    drag = begin_drag(manipulator, handle, begun, projection())
+    assert drag.words == ""
+    drag(ended)
+    assert drag.words == words
+
+
+def test_a_turn_in_the_picture_counts_as_the_user_sees_it() -> None:
+    """Oracle: a quarter from right to up is counter-clockwise."""
+    camera = FreeCamera(eye=(0.0, 0.0, 9.0))
+    manipulator = Manipulator(matrix=np.eye(4), mode="rotate")
+    drag = begin_drag(manipulator, "view", (500.0, 300.0), projection(camera))
+    drag((400.0, 200.0))
+    assert drag.words == "+90.0°"
+
+
 def test_a_matrix_crosses_as_sixteen_numbers_row_by_row() -> None:
     """Oracle: `specs.Matrix`: row-major, for column vectors."""
     assert as_matrix(placed())[3::4] == pytest.approx((0.9, -0.1, 1.3, 1.0))

@@ -209,6 +209,7 @@ reels: list[Reel] = []
 def _reel(monkeypatch):
     reels.clear()
     monkeypatch.setattr(movie, "Movie", Reel)
+    monkeypatch.setattr(movie, "program_for", lambda path: "a reel")
 
 
 @pytest.mark.usefixtures("_reel")

@@ -42,6 +42,8 @@ STEPS = 10.0
 """Approximate length of a handle in snapping steps."""
 
 Value = F64 | float
+Moved = tuple[F64, str]
+"""Matrix of a prim, and how it was changed, in words."""
 
 
 class Drag:
@@ -49,7 +51,7 @@ class Drag:
 
     Args:
         measure: Function (pointer) -> value, or None if the pointer has no valid position.
-        place: Function (start value, current value, snaps) -> matrix.
+        place: Function (start value, current value, snaps) -> matrix, and the change in words.
         begun: Initial position of the pointer.
         matrix: Initial matrix of the prim.
     """
@@ -57,7 +59,7 @@ class Drag:
     def __init__(
         self,
         measure: Callable[[Pixel], Value | None],
-        place: Callable[[Any, Any, bool], F64],
+        place: Callable[[Any, Any, bool], Moved],
         *,
         begun: Pixel,
         matrix: F64,
@@ -65,6 +67,8 @@ class Drag:
         self._measure, self._place = measure, place
         self._start = measure(begun)
         self._matrix = matrix
+        self.words = ""
+        """The change since the start, such as "X +1.25" or "Y 30°"."""
 
     def __call__(self, pixel: Pixel, *, snaps: bool = False) -> F64:
         """Return the prim's matrix for a pointer position, local to world, shape (4, 4)."""
@@ -72,7 +76,7 @@ class Drag:
         if self._start is None:
             self._start = now
         elif now is not None:
-            self._matrix = self._place(self._start, now, snaps)
+            self._matrix, self.words = self._place(self._start, now, snaps)
         return self._matrix
 
 
@@ -98,7 +102,7 @@ def as_matrix(array: F64) -> Matrix:
 
 
 _Measure = Callable[[Pixel], Value | None]
-_Place = Callable[[Any, Any, bool], F64]
+_Place = Callable[[Any, Any, bool], Moved]
 
 
 def _translating(
@@ -118,13 +122,15 @@ def _translating(
         normal = np.cross(kept[0], kept[1])
         measure = _on_plane(normal / np.linalg.norm(normal), manipulator, projection)
 
-    def place(start: F64, now: F64, snaps: bool) -> F64:
+    def place(start: F64, now: F64, snaps: bool) -> Moved:
         parts = (now - start) @ np.linalg.pinv(kept)
         if snaps:
             parts = step * np.round(parts / step)
-        moved = manipulator.matrix.copy()
-        moved[:3, 3] += parts @ kept
-        return moved
+        moved, shift = manipulator.matrix.copy(), parts @ kept
+        moved[:3, 3] += shift
+        names = "XYZ" if handle == "view" else handle.upper()
+        along = dict(zip("XYZ", axes @ shift, strict=True))
+        return moved, "   ".join(f"{name} {along[name]:+.4g}" for name in sorted(names))
 
     return measure, place
 
@@ -138,16 +144,17 @@ def _rotating(
     measure = (_along_rim if is_edge_on else _around)(axis, manipulator, projection)
     turned, before = 0.0, None
 
-    def place(start: float, now: float, snaps: bool) -> F64:
+    def place(start: float, now: float, snaps: bool) -> Moved:
         nonlocal turned, before
         step = now - (start if before is None else before)
         turned += step if is_edge_on else math.remainder(step, 2.0 * math.pi)
         before = now
         angle = math.degrees(turned)
-        angle = math.radians(TURN * round(angle / TURN) if snaps else angle)
+        angle = TURN * round(angle / TURN) if snaps else angle
         placed = manipulator.matrix.copy()
-        placed[:3, :3] = _turn(axis, angle) @ placed[:3, :3]
-        return placed
+        placed[:3, :3] = _turn(axis, math.radians(angle)) @ placed[:3, :3]
+        shown = -angle if handle == "view" else angle  # counter-clockwise as the user sees it
+        return placed, f"{_prefix(handle)}{shown:+.1f}°"
 
     return measure, place
 
@@ -176,15 +183,21 @@ def _scaling(
         def factor(start: float, now: float) -> float:
             return 2.0 ** (now - start)
 
-    def place(start: float, now: float, snaps: bool) -> F64:
+    def place(start: float, now: float, snaps: bool) -> Moved:
         scale = factor(start, now)
         if snaps:
             scale = max(SCALE * round(scale / SCALE), SCALE)
+        scale = max(scale, SMALLEST)
         scaled = manipulator.matrix.copy()
-        scaled[:3, :3] *= np.where(kept, max(scale, SMALLEST), 1.0)
-        return scaled
+        scaled[:3, :3] *= np.where(kept, scale, 1.0)
+        return scaled, f"{_prefix(handle)}×{scale:.3f}"
 
     return measure, place
+
+
+def _prefix(handle: Handle) -> str:
+    """Return the name of an axis before its number; "" for the handle that faces the viewer."""
+    return f"{handle.upper()} " if handle in AXES else ""
 
 
 # --- pointer to value -----------------------------------------------------------------------

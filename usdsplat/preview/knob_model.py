@@ -307,7 +307,7 @@ def _nice(number: float) -> float:
 def _none_label(item: Knob) -> str:
     """Return the meaning of None for a knob."""
     if _is_infinite(item.default):
-        return "from the first" if item.default < 0 else "unlimited"
+        return "first" if item.default < 0 else "unlimited"
     return "automatic" if type(None) in _options(item.type) else ""
 
 

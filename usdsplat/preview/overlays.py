@@ -89,6 +89,8 @@ class MeshEdges:
     """Ends in local space [scene unit], shape (n, 2, 3)."""
     to_world: F64
     """Shape (4, 4)."""
+    path: str = ""
+    """Path of the prim that a click on them selects; "" for none."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

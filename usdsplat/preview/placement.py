@@ -12,7 +12,7 @@ from typing import Any
 
 from usdsplat.preview.latest_request import Asks, LatestRequest
 from usdsplat.preview.overlays import LightMark
-from usdsplat.preview.stage_model.placing import transform
+from usdsplat.preview.stage_model.placing import can_move, transform
 from usdsplat.render.specs import Matrix
 
 
@@ -94,7 +94,6 @@ class Placing:
 
 def _placement(document: Any, path: str, time: float | None) -> Placement | None:
     """Return the placement of a prim; None if it cannot be moved."""
-    prim = document.stage.GetPrimAtPath(path)
-    if not prim or prim.IsInstanceProxy() or not prim.HasAttribute("xformOpOrder"):
+    if not can_move(document.stage.GetPrimAtPath(path)):
         return None
     return Placement(path=path, matrix=transform(document.stage, path, time=time))

@@ -58,7 +58,23 @@ def targets(path: Path, frames: Sequence[float]) -> tuple[Path, ...]:
     Raises:
         UsageError: If the name has no placeholder for the frame.
     """
-    return (path,) if path.suffix.lower() in movie.SUFFIXES else frame_paths(path, frames)
+    return (path,) if _is_movie(path) else frame_paths(path, frames)
+
+
+def check_flipbook(path: Path, frames: Sequence[float]) -> None:
+    """Check what can be known of a flipbook before its first frame is drawn.
+
+    Raises:
+        UnknownFormatError: If the path has another suffix than those of a flipbook.
+        UsageError: If there are no frames, or the name has no placeholder for the frame.
+        OutputError: If it is a movie, and there is no ffmpeg.
+    """
+    if not frames:
+        raise UsageError("frames", "none", "one or more")
+    check_suffix(path, (*FORMATS, ".exr", *movie.SUFFIXES))
+    targets(path, frames)
+    if _is_movie(path):
+        movie.program_for(path)
 
 
 class Flipbook:
@@ -110,13 +126,10 @@ class Flipbook:
         return next(self._turns, self) is not self
 
     def _begun(self, document: Document) -> Iterator[None]:
-        suffix = self._path.suffix.lower()
-        if not self._frames:
-            raise UsageError("frames", "none", "one or more")
-        check_suffix(self._path, (*FORMATS, ".exr", *movie.SUFFIXES))
+        check_flipbook(self._path, self._frames)
         files = targets(self._path, self._frames)
         check_not_read(document, files)
-        if suffix in movie.SUFFIXES:
+        if _is_movie(self._path):
             return self._movie(document)
         return self._pictures(document, files)
 
@@ -151,6 +164,10 @@ def check_not_read(document: Document, files: Sequence[Path]) -> None:
         read += files_of_capture(document.sources.path)
     for path in files:
         check_not_input(path, read)
+
+
+def _is_movie(path: Path) -> bool:
+    return path.suffix.lower() in movie.SUFFIXES
 
 
 def _at(state: ViewState, frame: float) -> ViewState:

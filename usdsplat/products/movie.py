@@ -26,6 +26,19 @@ QUALITY = "16"
 """x264's constant rate factor; compression is not visible at this value."""
 
 
+def program_for(path: Path) -> str:
+    """Return the path of ffmpeg, which writes a movie.
+
+    Raises:
+        OutputError: If it is not on PATH.
+    """
+    program = shutil.which("ffmpeg")
+    if program is None:
+        expected = "ffmpeg on PATH to write a movie, or a name such as a.####.png"
+        raise OutputError(str(path), "no ffmpeg", expected)
+    return program
+
+
 class Movie:
     """Writer of an H.264 movie: a context manager that receives frames.
 
@@ -58,10 +71,7 @@ class Movie:
         self._rate = rate
 
     def __enter__(self) -> Self:
-        program = shutil.which("ffmpeg")
-        if program is None:
-            expected = "ffmpeg on PATH to write a movie, or a name such as a.####.png"
-            raise OutputError(str(self._path), "no ffmpeg", expected)
+        program = program_for(self._path)
         with ExitStack() as stack:
             output = stack.enter_context(output_file(self._path))
             # A file, because nothing reads a stderr pipe while frames are written to stdin.

@@ -15,8 +15,8 @@ from usdsplat.preview.qt.adding_lights import NO_EFFECT
 from usdsplat.preview.qt.window import Window
 from usdsplat.preview.qt.workspace import Workspace
 from usdsplat.preview.stage_model.edits import Edits
-from usdsplat.preview.stage_model.lights import add_dome_light
-from usdsplat.preview.told import NO_LIGHTS
+from usdsplat.preview.stage_model.lights import add_dome_light, add_key_light
+from usdsplat.preview.told import ALONE, NO_LIGHTS
 from usdsplat.render.settings import RenderSettings
 
 
@@ -53,6 +53,14 @@ def test_a_stage_without_lights_says_so_and_offers_one(
     assert context.picture is not None and context.picture.lights == 0
 
 
+def test_a_warning_is_not_said_once_it_is_over(window: Window, workspace: Workspace) -> None:
+    """Oracle: the status bar, of which nothing else takes the words."""
+    workspace.context.set_look(settings=RenderSettings(lighting="relit"))
+    wait_until(lambda: window.note == NO_LIGHTS)
+    workspace.context.set_look(settings=RenderSettings())
+    wait_until(lambda: window.note == "")
+
+
 def test_a_light_that_splats_do_not_show_says_so_and_offers_it(
     window: Window, workspace: Workspace
 ) -> None:
@@ -70,6 +78,30 @@ def test_a_light_that_splats_do_not_show_says_so_and_offers_it(
     window.actions_by_name["add_dome"].trigger()
     wait_until(lambda: settled(workspace).lights == 2)
     assert workspace.notices.sentence == ""
+
+
+def test_a_lone_capture_says_that_nothing_shadows_it_and_offers_its_own_shadows(
+    workspace: Workspace,
+) -> None:
+    """Oracle: pictures: of two captures, one shadows the other; alone it looks as captured, to a
+    code value; the button changes that, and takes back the words."""
+    context, notices = workspace.context, workspace.notices
+    context.edit(lambda edits: add_key_light(edits, context.picture.camera, (0.0, 0.0, 0.0)))
+    wait_until(lambda: settled(workspace).lights == 1)
+    context.set_look(settings=RenderSettings(lighting="shadowed"))
+    assert not settled(workspace).warnings and notices.sentence == ""
+    context.edit(lambda edits: edits.set_visible("/World/B", False))
+    wait_until(lambda: notices.sentence == ALONE)
+    notices.clear()
+    alone = settled(workspace).image.astype(int)
+    context.set_look(settings=RenderSettings(lighting="captured"))
+    assert abs(settled(workspace).image - alone).max() <= 1
+    context.set_look(settings=RenderSettings(lighting="shadowed"))
+    wait_until(lambda: notices.sentence == ALONE)
+    QTest.mouseClick(notices.button, LEFT)
+    assert context.look.settings.self_shadows
+    wait_until(lambda: notices.sentence == "")
+    assert abs(settled(workspace).image - alone).max() > 1
 
 
 @pytest.mark.parametrize("axis", ["Y", "Z"])

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
+import numpy as np
 import pytest
+from pxr import Usd
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QLineEdit
 
 from tests.preview.qt.conftest import wait_until
-from tests.preview.qt.windows import LEFT, click_cell
+from tests.preview.qt.windows import LEFT, click_cell, opened, press, type_into, write_stage
+from usdsplat.preview.dragging import as_matrix
 from usdsplat.preview.qt.prim_model import NAME
 from usdsplat.preview.qt.window import Window
 from usdsplat.preview.qt.workspace import Workspace
@@ -49,3 +54,89 @@ def test_a_double_click_takes_digits_and_enter_and_tool_keys_work_after_it(
     QTest.keyClick(QApplication.focusWidget(), Qt.Key.Key_W)
     wait_until(lambda: workspace.viewport.mode == "translate")
     assert workspace.tree.box.text() == ""
+
+
+def test_a_prim_is_moved_turned_and_scaled_by_typed_numbers(
+    window: Window, workspace: Workspace
+) -> None:
+    """Oracle: the placement that the manipulator has; undo takes each number back, and a drag of a
+    handle is seen in the fields."""
+    click_cell(workspace, "/World/A", NAME)
+    fields, viewer = workspace.prim.pose.fields, workspace.context.viewer
+    wait_until(lambda: workspace.prim.pose.isVisible() and viewer.placement is not None)
+
+    def matrix() -> np.ndarray:
+        assert viewer.placement is not None
+        return np.reshape(viewer.placement.matrix, (4, 4))
+
+    before = matrix()
+    assert fields["translate", 0].value == pytest.approx(before[0, 3])
+    type_into(fields["translate", 0], "1.5")
+    wait_until(lambda: matrix()[0, 3] == pytest.approx(1.5))
+    type_into(fields["rotate", 2], "90")
+    wait_until(lambda: matrix()[1, 0] == pytest.approx(1.0))
+    type_into(fields["scale", 1], "3")
+    wait_until(lambda: np.linalg.norm(matrix()[:3, 1]) == pytest.approx(3.0))
+    assert window.actions_by_name["undo"].text() == "Undo Scale A"
+    assert fields["rotate", 2].text().startswith("90")
+    for _ in range(3):
+        press(window, "Ctrl+Z")
+    wait_until(lambda: np.allclose(matrix(), before))
+    wait_until(lambda: fields["scale", 1].value == 1.0 and fields["rotate", 2].value == 0.0)
+    viewer.begin_drag()
+    moved = before.copy()
+    moved[1, 3] += 0.25
+    viewer.place(as_matrix(moved))
+    wait_until(lambda: fields["translate", 1].value == pytest.approx(moved[1, 3]))
+
+
+def test_a_factor_of_zero_is_refused_and_the_old_one_comes_back(workspace: Workspace) -> None:
+    """Oracle: the sentence, and the field."""
+    click_cell(workspace, "/World/A", NAME)
+    field = workspace.prim.pose.fields["scale", 0]
+    wait_until(lambda: field.value == 1.0)
+    type_into(field, "0")
+    wait_until(lambda: "expected a finite number other than 0" in workspace.problems.sentence)
+    wait_until(lambda: field.value == 1.0)
+
+
+def test_what_cannot_be_moved_has_no_fields(window: Window, tmp_path: Path) -> None:
+    """Oracle: a material, after a prim that has them."""
+    stage = Usd.Stage.Open(str(write_stage(tmp_path / "a.usda")))
+    stage.DefinePrim("/Look", "Material")
+    stage.GetRootLayer().Save()
+    workspace = opened(window, tmp_path / "a.usda")
+    click_cell(workspace, "/World/A", NAME)
+    wait_until(workspace.prim.pose.isVisible)
+    click_cell(workspace, "/Look", NAME)
+    wait_until(lambda: workspace.prim.properties.rows and not workspace.prim.pose.isVisible())
+
+
+def test_properties_are_searched_and_the_keys_are_those_of_the_search_of_prims(
+    window: Window, workspace: Workspace
+) -> None:
+    """Oracle: the rows that have the word, also of the prim that is selected next; Ctrl-F goes to
+    the search of the panel that has the focus, and Escape clears it, then leaves."""
+    click_cell(workspace, "/Camera", NAME)
+    panel = workspace.prim
+    wait_until(lambda: len(panel.properties.rows) > 10)
+    press(window, "Ctrl+F")
+    assert workspace.tree.box.hasFocus()
+    QTest.mouseClick(panel.view.viewport(), LEFT)
+    press(window, "Ctrl+F")
+    assert panel.box.hasFocus()
+    QTest.keyClicks(panel.box, "aperture")
+    names = {row.name for row in panel.properties.rows}
+    assert names == {
+        f"{way}Aperture{end}" for way in ("horizontal", "vertical") for end in ("", "Offset")
+    }
+    panel.box.setText("visib")
+    click_cell(workspace, "/World/A", NAME)
+    wait_until(lambda: panel.pose.isVisible())
+    assert {row.name for row in panel.properties.rows} == {"visibility", "Visibility, inherited"}
+    panel.box.setFocus()
+    QTest.keyClick(panel.box, Qt.Key.Key_Escape)
+    assert panel.box.text() == "" and panel.box.hasFocus()
+    assert len(panel.properties.rows) > 10
+    QTest.keyClick(panel.box, Qt.Key.Key_Escape)
+    assert workspace.viewport.hasFocus()

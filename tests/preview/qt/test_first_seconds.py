@@ -457,13 +457,13 @@ def test_a_first_picture_is_coarse_and_then_sharp(
     wait_until(lambda: window.workspace)
     assert window.workspace is not None
     viewport, proxy = window.workspace.viewport, window.workspace.context.proxy
-    assert viewport.waiting == PREPARING and window.workspace.isVisible()
+    assert viewport.badges.waiting == PREPARING and window.workspace.isVisible()
     before = viewport.grab().toImage()
     proxy.busy.emit(COMPILING)
-    assert viewport.waiting == "Compiling kernels, once for this machine…"
+    assert viewport.badges.waiting == "Compiling kernels, once for this machine…"
     assert viewport.grab().toImage() != before
     proxy.busy.emit(Busy(what=""))
-    assert viewport.waiting == PREPARING and viewport.grab().toImage() == before
+    assert viewport.badges.waiting == PREPARING and viewport.grab().toImage() == before
     drawn: list[Picture] = []  # a busy window takes the last of several only
     proxy.session.listen(lambda event: drawn.append(event) if isinstance(event, Picture) else None)
     goes_on.set()

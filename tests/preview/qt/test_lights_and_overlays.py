@@ -168,6 +168,25 @@ def test_edges_become_lines_once_for_a_picture_and_a_size(workspace: Workspace) 
     assert made.of(replace(picture), (10, 10), projection) is not lines
 
 
+def test_edges_that_reach_behind_the_camera_are_cut(workspace: Workspace) -> None:
+    """Oracle: the projection of each line alone, which is cut at the near plane; the camera is at
+    the middle of the plate and looks along it."""
+    press(workspace.window(), "4")
+    wait_until(lambda: len(settled(workspace).overlays.edges) == 1)
+    workspace.context.viewer.use_camera(FreeCamera(eye=(0.0, 0.05, 0.1), target=(0.9, 0.0, 0.0)))
+    picture, projection = settled(workspace), workspace.viewport.projection
+    assert projection is not None
+    (plate,) = picture.overlays.edges
+    lines = EdgeLines(lambda overlays: overlays.edges).of(picture, (64, 48), projection)
+    segments = plate.segments @ plate.to_world[:3, :3].T + plate.to_world[:3, 3]
+    expected = [line for line in (projection.line(*ends) for ends in segments) if line is not None]
+    assert 1 < len(expected) < 5
+    depths = projection.depths(segments.reshape(-1, 3)).reshape(-1, 2)
+    assert ((depths < 0).any(axis=1) & (depths > 0).any(axis=1)).any(), "one is cut"
+    found = [((line.x1(), line.y1()), (line.x2(), line.y2())) for line in lines]
+    assert np.array(found) == pytest.approx(np.array(expected))
+
+
 def test_menus_show_and_hide_bounds_wireframes_and_lights(
     window: Window, workspace: Workspace
 ) -> None:

@@ -5,17 +5,19 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
-from pxr import Sdf, Usd
-from PySide6.QtCore import Qt
+from pxr import Sdf, Usd, UsdGeom
+from PySide6.QtCore import QPoint, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QCheckBox, QFileDialog, QLineEdit, QMessageBox
 
 from tests.preview.qt import windows
 from tests.preview.qt.conftest import wait_until
-from tests.preview.qt.windows import LEFT, opened, press, type_into
+from tests.preview.qt.windows import LEFT, opened, press, settled, type_into
 from tests.preview.simulating.hosts import shot
 from tests.preview.stage_model.stages import rich
+from tests.sim.stage.stages import simulation_of
 from usdsplat.preview.qt import remembered
 from usdsplat.preview.qt.picture_dialogs import FlipbookDialog
 from usdsplat.preview.qt.window import Window
@@ -57,6 +59,38 @@ def test_buttons_run_pause_step_and_reset_and_the_timeline_follows(workspace: Wo
     QTest.mouseClick(panel.reset, LEFT)
     wait_until(lambda: panel.status.state == "ready")
     wait_until(lambda: workspace.timeline.ruler.cached is None)
+
+
+def test_a_frame_that_is_not_simulated_says_so_while_it_is_scrubbed(workspace: Workspace) -> None:
+    """Oracle: the frames of the status; the words are painted, and at the start and on simulated
+    frames there are none."""
+    panel, ruler, viewport = workspace.simulation, workspace.timeline.ruler, workspace.viewport
+    wait_until(lambda: panel.status.state == "ready")
+
+    def scrub_to(frame: float) -> str:
+        part = (frame - 1) / (LAST - 1)
+        at = QPoint(round(ruler.rect().left() + part * (ruler.width() - 1)), ruler.height() // 2)
+        QTest.mousePress(ruler, LEFT, pos=at)
+        QTest.mouseRelease(ruler, LEFT, pos=at)
+        assert workspace.context.time == frame
+        return viewport.badges.unsimulated
+
+    assert viewport.badges.unsimulated == ""
+    assert scrub_to(3) == "Frame 3 is not simulated yet"
+    assert scrub_to(1) == ""
+    for frame in (1, 2):
+        QTest.mouseClick(panel.step, LEFT)
+        wait_until(lambda frame=frame: panel.status.frames == (1, frame))
+        wait_until(lambda: panel.status.state == "paused")
+    assert scrub_to(2) == ""
+    windows.settled(workspace)
+    plain = viewport.grab().toImage()
+    assert scrub_to(4) == "Frame 4 is not simulated yet: this is 2"
+    windows.settled(workspace)
+    assert viewport.grab().toImage() != plain
+    QTest.mouseClick(panel.run, LEFT)
+    wait_until(lambda: panel.status.frame == LAST and panel.status.state == "paused")
+    assert viewport.badges.unsimulated == ""
 
 
 def test_a_parameter_is_turned_and_taken_back(window: Window, workspace: Workspace) -> None:
@@ -232,3 +266,42 @@ def test_keys_run_and_pause(window: Window, workspace: Workspace) -> None:
     wait_until(lambda: panel.status.frame is not None)
     press(window, "Ctrl+Home")
     wait_until(lambda: panel.status.state == "ready")
+
+
+def test_a_click_on_its_outline_selects_what_acts_on_a_simulation(
+    window: Window, tmp_path: Path
+) -> None:
+    """Oracle: the selection, by the place of a point of the ball's circle; its middle is that of
+    what is seen there, Shift takes it out, and hidden outlines are no target."""
+    stage = shot(tmp_path, {}, last=LAST)
+    ball = UsdGeom.Sphere.Define(stage, "/World/Ball")
+    ball.CreateRadiusAttr(0.5)
+    ball.CreatePurposeAttr("guide")
+    author(ball.GetPrim(), {"affector:role": "collide"})
+    link = simulation_of(stage).CreateRelationship("collection:affectors:includes", custom=False)
+    link.AddTarget("/World/Ball")
+    stage.Save()
+    workspace = opened(window, Path(stage.GetRootLayer().realPath))
+    viewport, viewer = workspace.viewport, workspace.context.viewer
+    wait_until(lambda: any(each.path for each in settled(workspace).overlays.affectors))
+    (edges,) = [each for each in settled(workspace).overlays.affectors if each.path]
+    assert viewport.projection is not None
+
+    def place(point: np.ndarray) -> QPoint:
+        world = edges.to_world[:3, :3] @ point + edges.to_world[:3, 3]
+        x, y = viewport.projection.pixels(world)[0] / viewport.devicePixelRatioF()
+        return QPoint(round(x), round(y))
+
+    on_it = place(edges.segments[7, 0])
+    QTest.mouseMove(viewport, on_it)
+    QTest.mouseClick(viewport, LEFT, pos=on_it)
+    assert viewer.state.selected == ("/World/Ball",)
+    QTest.mouseClick(viewport, LEFT, Qt.KeyboardModifier.ShiftModifier, on_it)
+    assert viewer.state.selected == ()
+    QTest.mouseClick(viewport, LEFT, pos=place(np.zeros(3)))
+    assert viewer.state.selected != ("/World/Ball",)
+    press(window, "G")
+    wait_until(lambda: not settled(workspace).overlays.affectors)
+    viewer.select(())
+    QTest.mouseClick(viewport, LEFT, pos=on_it)
+    assert viewer.state.selected != ("/World/Ball",)

@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from PySide6.QtCore import QPoint
-from PySide6.QtGui import QImage
+import pytest
+from PySide6.QtCore import QPoint, QPointF, QRectF
+from PySide6.QtGui import QImage, QPainter
 from PySide6.QtTest import QSignalSpy, QTest
 from PySide6.QtWidgets import QApplication
 
@@ -66,6 +67,39 @@ def test_boxes_of_what_is_selected_are_painted_where_they_are_seen(bench: Bench)
         around = seen[int(y) - 1 : int(y) + 3, int(x) - 1 : int(x) + 3]
         assert around.max() > 150
     assert pixels_of(bench.viewport)[HEIGHT // 2, -20].max() == 90
+
+
+def test_the_drag_of_a_handle_says_its_numbers_as_long_as_it_lasts(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Oracle: the distance that the prim was moved by; the pane is within the viewport."""
+    painted: list[tuple[str, QRectF]] = []
+    paint_label = hud.paint_label
+
+    def noted(painter: QPainter, text: str, top: QPointF, place: QRectF) -> QRectF:
+        painted.append((text, paint_label(painter, text, top, place)))
+        return painted[-1][1]
+
+    monkeypatch.setattr(hud, "paint_label", noted)
+    bench.viewer.select(("/Ball",))
+    manipulator, projection = bench.viewport.manipulator, bench.viewport.projection
+    assert manipulator is not None
+    assert projection is not None
+    shape = next(each for each in manipulator.shapes(projection) if each.handle == "x")
+    at = QPoint(*(round(value) for value in shape.points.mean(axis=0)))
+    pixels_of(bench.viewport)
+    assert painted == []
+    QTest.mousePress(bench.viewport, LEFT, pos=at)
+    bench.move(at + QPoint(30, 10))
+    pixels_of(bench.viewport)
+    moved = bench.session.document.edits.moves[-1][1][3] - 0.5
+    text, pane = painted[-1]
+    assert text == f"X {moved:+.4g}"
+    assert QRectF(bench.viewport.rect()).contains(pane)
+    QTest.mouseRelease(bench.viewport, LEFT, pos=at + QPoint(30, 10))
+    painted.clear()
+    pixels_of(bench.viewport)
+    assert painted == []
 
 
 def test_before_a_picture_the_viewport_says_what_to_do(application: QApplication) -> None:

@@ -216,7 +216,9 @@ def test_without_edits_no_layer_is_written(
 def test_a_movie_without_ffmpeg_says_what_it_needs(
     window: Window, workspace: Workspace, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Oracle: the sentence of `products.movie`."""
+    """Oracle: the sentence of `products.movie`, before a frame is drawn; the dialog stays for
+    another name, which takes the sentence back."""
+    monkeypatch.setattr(Document, "still", lambda document, state: pytest.fail("a frame is drawn"))
     monkeypatch.setenv("PATH", str(tmp_path))
     press(window, "Ctrl+Shift+F")
     wait_until(lambda: window.findChildren(FlipbookDialog))
@@ -227,6 +229,31 @@ def test_a_movie_without_ffmpeg_says_what_it_needs(
     wait_until(lambda: workspace.problems.sentence)
     assert "a.mp4: found no ffmpeg, expected ffmpeg on PATH" in workspace.problems.sentence
     assert not list(tmp_path.iterdir())
+    assert dialog.isVisible()
+    monkeypatch.undo()
+    QTest.mouseClick(dialog.name, LEFT)
+    dialog.name.selectAll()
+    QTest.keyClicks(dialog.name, str(tmp_path / "a.####.png"))
+    QTest.keyClick(dialog.name, Qt.Key.Key_Return)
+    wait_until(lambda: (tmp_path / "a.0001.png").exists())
+    assert workspace.problems.sentence == ""
+    window.findChild(QProgressDialog).canceled.emit()
+    wait_until(lambda: window.note.startswith("Stopped: "))
+
+
+def test_without_edits_save_says_so_before_it_asks_for_a_name(
+    window: Window, workspace: Workspace, said: list[str]
+) -> None:
+    """Oracle: what the status bar says, and the dialogs that are there; with an edit the dialog
+    comes."""
+    press(window, "Ctrl+S")
+    wait_until(lambda: NO_EDITS in said)
+    assert not window.findChildren(QFileDialog)
+    click_cell(workspace, "/World/A", VISIBLE)
+    wait_until(lambda: workspace.context.has_unsaved)
+    press(window, "Ctrl+S")
+    wait_until(lambda: window.findChildren(QFileDialog))
+    window.findChild(QFileDialog).reject()
 
 
 def test_the_dialog_of_an_export_shows_every_format(window: Window, workspace: Workspace) -> None:

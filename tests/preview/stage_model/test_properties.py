@@ -7,7 +7,7 @@ from dataclasses import asdict
 
 import numpy as np
 import pytest
-from pxr import Sdf, Usd, UsdGeom, Vt
+from pxr import Sdf, Usd, UsdGeom, UsdLux, Vt
 
 from tests.delegate.stages import random_cloud
 from tests.preview.stage_model.stages import add_attributes, rich, spinning, value_types
@@ -16,6 +16,7 @@ from usdsplat.core.errors import StageError
 from usdsplat.preview.stage_model.edits import Edits
 from usdsplat.preview.stage_model.properties import (
     composition,
+    matching,
     metadata,
     properties,
 )
@@ -198,3 +199,42 @@ def test_what_is_no_prim_is_a_sentence(path):
     for ask in (properties, metadata, composition):
         with pytest.raises(StageError, match=r"found .+, expected .+"):
             ask(rich(), path)
+
+
+@pytest.mark.parametrize(
+    ("light", "first"),
+    [
+        (UsdLux.DistantLight, ["intensity", "exposure", "color", "angle"]),
+        (UsdLux.SphereLight, ["intensity", "exposure", "color", "radius"]),
+        (UsdLux.DomeLight, ["intensity", "exposure", "color", "texture:file"]),
+        (UsdLux.RectLight, ["intensity", "exposure", "color", "texture:file", "width", "height"]),
+    ],
+)
+def test_what_people_turn_of_a_light_comes_first_and_collections_last(light, first):
+    """Oracle: the order of the words of the lights' schemas, by hand; no row is lost."""
+    stage = Usd.Stage.CreateInMemory()
+    prim = light.Define(stage, "/Light").GetPrim()
+    names = [each.name for each in properties(stage, "/Light")]
+    assert names[: len(first)] == [f"inputs:{name}" for name in first]
+    inputs = [name.startswith("inputs:") for name in names]
+    assert inputs == sorted(inputs, reverse=True)
+    collections = [name.startswith("collection:") for name in names]
+    assert any(collections) and collections == sorted(collections)
+    assert {each.GetName() for each in prim.GetProperties()} < set(names)
+
+
+def test_a_search_has_the_words_of_that_of_prims():
+    """Oracle: by hand: parts of names, types and values, and patterns of whole ones."""
+    stage = Usd.Stage.CreateInMemory()
+    UsdLux.DomeLight.Define(stage, "/Sky").CreateTextureFileAttr(Sdf.AssetPath("Street.exr"))
+    found = properties(stage, "/Sky")
+
+    def names(text):
+        return [each.name for each in matching(found, text)]
+
+    assert names("INTENS") == ["inputs:intensity"]
+    assert names(" street ") == ["inputs:texture:file"]
+    assert names("color3f") == ["inputs:color"]
+    assert names("inputs:*file") == ["inputs:texture:file"]
+    assert names("intensity?") == []
+    assert len(names("")) == len(found)

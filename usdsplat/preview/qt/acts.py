@@ -66,7 +66,7 @@ def acts_of(window: Acting) -> dict[str, Callable[[], Any]]:
         "quit": QApplication.closeAllWindows,
         "undo": lambda: here().undo(),
         "redo": lambda: here().redo(),
-        "find": lambda: here().tree.box.setFocus(),
+        "find": lambda: here().search(),
         "deselect": lambda: here().context.viewer.select(()),
         **{
             f"tool_{mode or 'none'}": partial(lambda mode: here().viewport.set_mode(mode), mode)

@@ -6,8 +6,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 from PySide6.QtCore import Qt, Signal
+from PySide6.QtGui import QIcon
 from PySide6.QtWidgets import (
-    QCheckBox,
     QDialog,
     QDialogButtonBox,
     QFileDialog,
@@ -21,6 +21,7 @@ from PySide6.QtWidgets import (
 
 from usdsplat.core.errors import UsdSplatError
 from usdsplat.preview import saving
+from usdsplat.preview.qt.knob_widgets import TickBox
 from usdsplat.preview.qt.number_field import NumberField
 from usdsplat.preview.qt.panel_context import PanelContext
 
@@ -60,7 +61,7 @@ class SizeFields(QWidget):
         self.width_field, self.height_field = (
             NumberField(name, is_whole=True) for name in ("Width", "Height")
         )
-        self.keeps_shape = QCheckBox("Shape of the viewport")
+        self.keeps_shape = TickBox("Shape of the viewport")
         self.keeps_shape.setChecked(True)
         self.keeps_shape.toggled.connect(lambda is_on: self._set(0, self.chosen[0]))
         line = QHBoxLayout(self)
@@ -106,9 +107,7 @@ class ScreenshotDialog(QDialog):
         self.setWindowTitle("Screenshot")
         self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         self.size_fields = SizeFields(context.viewer.state.size, complain=context.complain)
-        self.buttons = QDialogButtonBox(
-            QDialogButtonBox.StandardButton.Save | QDialogButtonBox.StandardButton.Cancel
-        )
+        self.buttons = _buttons()
         self.buttons.accepted.connect(self._choose)
         self.buttons.rejected.connect(self.reject)
         form = QFormLayout(self)
@@ -137,7 +136,9 @@ class FlipbookDialog(QDialog):
         self.hint = QLabel(STILL)
         self.hint.setProperty("role", "animated")
         self.hint.setVisible(is_still)
-        self._complain = context.complain
+        self._context = context
+        self._complaint = ""
+        """Sentence of the last problem with what was typed."""
         self.first, self.last, self.step = (
             NumberField(name) for name in ("First frame", "Last frame", "Step")
         )
@@ -158,9 +159,7 @@ class FlipbookDialog(QDialog):
         )
         browse.triggered.connect(self._browse)
         self.size_fields = SizeFields(context.viewer.state.size, complain=context.complain)
-        self.buttons = QDialogButtonBox(
-            QDialogButtonBox.StandardButton.Save | QDialogButtonBox.StandardButton.Cancel
-        )
+        self.buttons = _buttons()
         self.buttons.accepted.connect(self._accept)
         self.buttons.rejected.connect(self.reject)
         form = QFormLayout(self)
@@ -193,13 +192,16 @@ class FlipbookDialog(QDialog):
         dialog.setOption(QFileDialog.Option.DontConfirmOverwrite)
 
     def _accept(self) -> None:
-        """Accept; ask once before overwriting existing frames."""
+        """Accept, if everything can be written; ask once before overwriting existing frames."""
+        path, frames = Path(self.name.text()), self.frames()
+        self._context.settled.emit(self._complaint)
         try:
-            files = saving.targets(Path(self.name.text()), self.frames())
+            saving.check_flipbook(path, frames)
         except UsdSplatError as error:
-            self._complain(str(error))
+            self._complaint = str(error)
+            self._context.complain(self._complaint)
             return
-        there = [path for path in files if path.exists()]
+        there = [each for each in saving.targets(path, frames) if each.exists()]
         if not there:
             self._choose()
             return
@@ -214,6 +216,15 @@ class FlipbookDialog(QDialog):
     def _choose(self) -> None:
         self.chosen.emit(Path(self.name.text()), self.frames(), self.size_fields.chosen)
         self.accept()
+
+
+def _buttons() -> QDialogButtonBox:
+    """Return buttons to save or cancel, without the coloured icons of the style."""
+    kinds = QDialogButtonBox.StandardButton
+    box = QDialogButtonBox(kinds.Save | kinds.Cancel)
+    for button in box.buttons():
+        button.setIcon(QIcon())
+    return box
 
 
 def and_more(files: tuple[Path, ...]) -> str:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from PySide6.QtCore import QModelIndex, QPoint, Qt
+from PySide6.QtCore import QModelIndex, QPersistentModelIndex, QPoint, Qt
 from PySide6.QtGui import QColor, QFont, QGuiApplication
 from PySide6.QtWidgets import (
     QAbstractItemDelegate,
@@ -19,6 +19,7 @@ from PySide6.QtWidgets import (
     QStyleOptionViewItem,
     QTabWidget,
     QTreeView,
+    QVBoxLayout,
     QWidget,
 )
 
@@ -28,9 +29,12 @@ from usdsplat.preview.qt import style
 from usdsplat.preview.qt.knob_panel import tool_tip
 from usdsplat.preview.qt.knob_widgets import ValueWidget, make_widget
 from usdsplat.preview.qt.panel_context import PanelContext, Question
+from usdsplat.preview.qt.pose_fields import PoseFields
 from usdsplat.preview.qt.row_model import Column, RowModel
-from usdsplat.preview.stage_model import properties
+from usdsplat.preview.qt.search_box import SearchBox
+from usdsplat.preview.stage_model import poses, properties
 from usdsplat.preview.stage_model.edits import Edits
+from usdsplat.preview.stage_model.poses import Part, Pose
 from usdsplat.preview.stage_model.properties import ArcRow, MetadataRow, PropertyRow
 from usdsplat.preview.stage_model.tree_facts import DRAWN, tree_facts
 from usdsplat.preview.values import Picture
@@ -51,6 +55,7 @@ class _Prim:
     properties: tuple[PropertyRow, ...] = ()
     metadata: tuple[MetadataRow, ...] = ()
     composition: tuple[ArcRow, ...] = ()
+    pose: Pose | None = None
 
 
 class PrimPanel(QTabWidget):
@@ -60,6 +65,8 @@ class PrimPanel(QTabWidget):
         super().__init__(parent)
         self._context = context
         self._shown: tuple[str, float | None] | None = None
+        self._rows: tuple[PropertyRow, ...] = ()
+        """All properties, of which the search shows some."""
         self._question = Question(self, self._ask)
         self.properties = RowModel(_PROPERTY, key=lambda row: row.name, parent=self)
         self.metadata = RowModel(_METADATA, key=lambda row: row.name, parent=self)
@@ -72,7 +79,22 @@ class PrimPanel(QTabWidget):
         self.view.setItemDelegate(delegate)
         self.view.setContextMenuPolicy(Qt.ContextMenuPolicy.CustomContextMenu)
         self.view.customContextMenuRequested.connect(self._show_menu)
-        self.addTab(self.view, "Properties")
+        self.pose = PoseFields()
+        self.pose.entered.connect(self._set_pose)
+        self.pose.refused.connect(context.complain)
+        self.box = SearchBox("Search properties by name, type or value")
+        self.box.textChanged.connect(lambda text: self._show_matching())
+        line = QVBoxLayout()
+        line.setContentsMargins(6, 4, 6, 4)
+        line.addWidget(self.box)
+        page = QWidget()
+        column = QVBoxLayout(page)
+        column.setContentsMargins(0, 0, 0, 0)
+        column.setSpacing(0)
+        column.addWidget(self.pose)
+        column.addLayout(line)
+        column.addWidget(self.view, 1)
+        self.addTab(page, "Properties")
         self.addTab(_table(self.metadata, (150, 0)), "Metadata")
         self.addTab(_table(self.composition, (76, 0, 120)), "Composition")
         self.setDocumentMode(True)
@@ -82,28 +104,46 @@ class PrimPanel(QTabWidget):
 
     def _follow_tree(self, picture: Picture) -> None:
         """Show what is drawn of a selected splat tree, and what is in memory, after a picture."""
-        if any(row.name == DRAWN for row in self.properties.rows):
+        if any(row.name == DRAWN for row in self._rows):
             self._question.refresh()
 
     def _follow(self) -> None:
         if (self._context.selected, self._context.time) != self._shown:
             is_other = self._shown is None or self._shown[0] != self._context.selected
+            if is_other:
+                self.pose.show_pose(None)
             self._shown = self._context.selected, self._context.time
             self._question.refresh(at_once=is_other)
 
     def _ask(self, done: Callable[[], None]) -> None:
-        path, time = self._context.selected, self._context.time
+        path, time, near = self._context.selected, self._context.time, self.pose.pose
 
         def answered(found: _Prim) -> None:
             done()
             if path == self._context.selected:
-                self.properties.show_rows(found.properties)
+                self._rows = found.properties
+                self._show_matching()
                 self.metadata.show_rows(found.metadata)
                 self.composition.show_rows(found.composition)
+                self.pose.show_pose(found.pose)
 
         self._context.proxy.ask(
-            partial(_read, path=path, time=time), answered, lambda error: answered(_Prim())
+            partial(_read, path=path, time=time, near=near),
+            answered,
+            lambda error: answered(_Prim()),
         )
+
+    def _show_matching(self) -> None:
+        self.properties.show_rows(properties.matching(self._rows, self.box.text()))
+
+    def _set_pose(self, part: Part, axis: int, value: float) -> None:
+        near, path = self.pose.pose, self._context.selected
+        if near is not None:
+            self.pose.show_pose(near.with_number(part, axis, value))
+        step = partial(
+            _set_pose, path=path, number=(part, axis, value), time=self._context.time, near=near
+        )
+        self._context.edit(step, failed=lambda: self._question.refresh(at_once=True))
 
     def _edit(self, row: PropertyRow, value: Any, merge: str) -> None:
         path = f"{self._context.selected}.{row.name}"
@@ -147,6 +187,14 @@ class _ValueDelegate(QStyledItemDelegate):
         super().__init__(parent)
         self._edit = edit
         self._refused = parent._context.complain
+
+    def initStyleOption(
+        self, option: QStyleOptionViewItem, index: QModelIndex | QPersistentModelIndex
+    ) -> None:
+        """Cut long names at their beginning: those of a namespace differ at the end."""
+        super().initStyleOption(option, index)
+        if index.column() == 0:
+            option.textElideMode = Qt.TextElideMode.ElideLeft
 
     def createEditor(  # type: ignore[override]
         self, parent: QWidget, option: QStyleOptionViewItem, index: QModelIndex
@@ -192,7 +240,7 @@ def _table(model: RowModel, widths: Sequence[int]) -> QTreeView:
     return view
 
 
-def _read(document: Document, *, path: str, time: float | None) -> _Prim:
+def _read(document: Document, *, path: str, time: float | None, near: Pose | None) -> _Prim:
     if not path:
         return _Prim()
     stage = document.stage
@@ -203,9 +251,29 @@ def _read(document: Document, *, path: str, time: float | None) -> _Prim:
             ),
             metadata=properties.metadata(stage, path),
             composition=properties.composition(stage, path),
+            pose=_pose(document, path, time, near),
         )
     except StageError:  # the selected prim was deleted: not a user error
         return _Prim()
+
+
+def _pose(document: Document, path: str, time: float | None, near: Pose | None) -> Pose | None:
+    """Return the pose of a prim; None without one, or where its rows say what is wrong with it."""
+    try:
+        return poses.pose_at(document.stage, path, time=time, near=near)
+    except StageError:
+        return None
+
+
+def _set_pose(
+    edits: Edits,
+    *,
+    path: str,
+    number: tuple[Part, int, float],
+    time: float | None,
+    near: Pose | None,
+) -> None:
+    poses.set_number(edits, path, *number, time=time, near=near)
 
 
 def _set_value(edits: Edits, *, path: str, value: Any, time: float | None, merge: Any) -> None:

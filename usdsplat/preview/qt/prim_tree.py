@@ -5,21 +5,18 @@ from __future__ import annotations
 from functools import partial
 
 from PySide6.QtCore import (
-    QEvent,
     QItemSelection,
     QItemSelectionModel,
     QModelIndex,
-    QObject,
     QPoint,
     Qt,
     QTimer,
     Signal,
 )
-from PySide6.QtGui import QGuiApplication, QKeyEvent
+from PySide6.QtGui import QGuiApplication
 from PySide6.QtWidgets import (
     QAbstractItemView,
     QHeaderView,
-    QLineEdit,
     QListWidget,
     QMenu,
     QStackedWidget,
@@ -30,6 +27,7 @@ from PySide6.QtWidgets import (
 
 from usdsplat.preview.qt.panel_context import PanelContext
 from usdsplat.preview.qt.prim_model import NAME, PURPOSE, TYPE, VISIBLE, PrimModel
+from usdsplat.preview.qt.search_box import SearchBox
 from usdsplat.preview.stage_model import prims
 from usdsplat.preview.stage_model.edits import Edits
 from usdsplat.preview.stage_model.prims import PrimRow
@@ -52,10 +50,7 @@ class PrimTree(QWidget):
         self._is_following = False
         self.model = PrimModel(context, self)
         self.view = self._make_view()
-        self.box = QLineEdit()
-        self.box.setPlaceholderText("Search prims by name, path or type")
-        self.box.setClearButtonEnabled(True)
-        self.box.installEventFilter(self)
+        self.box = SearchBox("Search prims by name, path or type")
         self.found = QListWidget()
         self.found.itemClicked.connect(lambda item: self._context.viewer.select((item.text(),)))
         self.found.itemActivated.connect(lambda item: self._context.viewer.select((item.text(),)))
@@ -76,21 +71,6 @@ class PrimTree(QWidget):
         column.addLayout(top)
         column.addWidget(self._pages, 1)
         context.view_changed.connect(self._follow)
-
-    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        is_escape = (
-            watched is self.box
-            and isinstance(event, QKeyEvent)
-            and event.key() == Qt.Key.Key_Escape
-            and bool(self.box.text())  # of an empty search, the window's action leaves
-        )
-        if is_escape and event.type() == QEvent.Type.ShortcutOverride:
-            event.accept()
-            return True
-        if is_escape and event.type() == QEvent.Type.KeyPress:
-            self.box.clear()
-            return True
-        return super().eventFilter(watched, event)
 
     # --- private ----------------------------------------------------------------------------
 

@@ -131,7 +131,7 @@ class ProbePanel(QWidget):
             ("Pixel", f"{found.x}, {found.y}"),
             ("On the screen", _numbers(found.shown, 3)),
             ("8 bit", " ".join(f"{round(255 * part):>4d}" for part in found.shown)),
-            ("RGBA before the view", _numbers(found.rendered)),
+            ("Before the view", _numbers(found.rendered)),
         ]
         if found.aov != "color":
             rows += [

@@ -54,26 +54,32 @@ class Saving(QObject):
         """Sentence of the last problem."""
 
     def session_layer(self, then: Callable[[], None] = lambda: None) -> None:
-        """Ask for a file and save the session layer, which can be stacked over the stage."""
+        """Ask for a file and save the session layer, which can be stacked over the stage.
+
+        Without edits there is nothing to ask.
+        """
         write = partial(self.write_session, then=then)
-        ask_name(self._window, "Save session layer as", USD, "session.usda", write)
+
+        def found(has_edits: bool) -> None:
+            if has_edits:
+                ask_name(self._window, "Save session layer as", USD, "session.usda", write)
+            else:
+                self._note_saved(NO_EDITS, then)
+
+        self._ask(_has_edits, found)
 
     def write_session(self, path: Path, *, then: Callable[[], None] = lambda: None) -> None:
         """Write the session layer, then call `then`; without edits nothing is written."""
 
         def task(document: Document) -> bool:
-            edits = document.edits
-            if not edits.has_unsaved and stage_saving.is_without_edits(document.stage):
+            if not _has_edits(document):
                 return False
             stage_saving.save_session(document.stage, path)
-            edits.note_saved()
+            document.edits.note_saved()
             return True
 
         def done(is_written: bool) -> None:
-            self._said(f"Wrote {path.name}" if is_written else NO_EDITS)
-            self._context.has_unsaved = False
-            self._context.refresh_history()
-            then()
+            self._note_saved(f"Wrote {path.name}" if is_written else NO_EDITS, then)
 
         self._ask(task, done)
 
@@ -178,6 +184,13 @@ class Saving(QObject):
         camera = viewer.state.camera or viewer.free_camera()
         return replace(viewer.state, size=size or viewer.state.size, camera=camera)
 
+    def _note_saved(self, words: str, then: Callable[[], None]) -> None:
+        """Say that all edits are in a file, and call `then`."""
+        self._said(words)
+        self._context.has_unsaved = False
+        self._context.refresh_history()
+        then()
+
     def _write(self, path: Path, task: Callable[[Document], Any]) -> None:
         self._ask(task, lambda result: self._said(f"Wrote {path.name}"))
 
@@ -200,6 +213,12 @@ class Saving(QObject):
         if self._complaint:
             self._context.settled.emit(self._complaint)
             self._complaint = ""
+
+
+def _has_edits(document: Document) -> bool:
+    """Return whether a session layer is worth a file: it says something, or no longer says what
+    its file says."""
+    return document.edits.has_unsaved or not stage_saving.is_without_edits(document.stage)
 
 
 class _Progress(QProgressDialog):

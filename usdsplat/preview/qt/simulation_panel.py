@@ -12,7 +12,6 @@ from PySide6.QtWidgets import (
     QFileDialog,
     QGridLayout,
     QLabel,
-    QLineEdit,
     QListWidget,
     QMessageBox,
     QPushButton,
@@ -32,6 +31,7 @@ from usdsplat.preview.qt.panel_context import PanelContext, Question
 from usdsplat.preview.qt.picture_dialogs import ask_name
 from usdsplat.preview.qt.render_panel import scrolling
 from usdsplat.preview.qt.save_dialogs import BAKES
+from usdsplat.preview.qt.search_box import SearchBox
 from usdsplat.preview.simulating.recording import can_resume
 from usdsplat.preview.stage_model import parameters
 from usdsplat.preview.stage_model.edits import Edits
@@ -91,9 +91,7 @@ class SimulationPanel(QWidget):
         self.prims.setFixedHeight(88)
         self.prims.currentRowChanged.connect(self._choose)
         self.panel = KnobPanel(open_groups=2)
-        self.search = QLineEdit()
-        self.search.setPlaceholderText("Search parameters")
-        self.search.setClearButtonEnabled(True)
+        self.search = SearchBox("Search parameters")
         self.search.textChanged.connect(lambda text: self.panel.search(text))
         self.first = FirstSimulation(context)
         self.panel.changed.connect(self._set)

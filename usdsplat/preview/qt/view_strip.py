@@ -24,6 +24,8 @@ from usdsplat.preview.qt.number_field import NumberField
 from usdsplat.preview.qt.panel_context import PanelContext
 
 CHANNELS = ("rgb", "red", "green", "blue", "alpha", "luminance")
+CAMERA = (84, 150)
+"""Least and usual width of the menu of cameras [pixel]."""
 FREE, ALL = "Free camera", "Frame everything"
 
 
@@ -35,7 +37,8 @@ class ViewStrip(QWidget):
     ) -> None:
         super().__init__(parent)
         self._context = context
-        self.camera = _choices("Camera to look through", 150)
+        self.camera = _choices("Camera to look through", CAMERA[0])
+        self.camera.setMaximumWidth(CAMERA[1])
         self.camera.activated.connect(self._use_camera)
         self.aov = _choices("What is shown of each pixel ([ and ])", 110)
         self.aov.activated.connect(lambda index: context.set_look(aov=self.aov.itemText(index)))
@@ -66,7 +69,7 @@ class ViewStrip(QWidget):
                 label.setProperty("role", "quiet")
                 line.addWidget(label)
                 labels[word] = label
-            line.addWidget(widget)
+            line.addWidget(widget, 100 * (widget is self.camera))
             line.addSpacing(style.GAP)
         line.addStretch(1)
         line.addWidget(marks)
@@ -80,12 +83,22 @@ class ViewStrip(QWidget):
         """Show as many widgets as there is room for."""
         super().resizeEvent(event)
         line = self.layout()
-        for each in self._spare:
+        assert line is not None
+
+        def fits() -> bool:
+            return line.minimumSize().width() <= self.width()
+
+        self.camera.setMinimumWidth(CAMERA[1])
+        for each in (*self._spare, self.aov):
             each.show()
         for each in self._spare:
-            if line is None or line.minimumSize().width() <= self.width():
-                break
+            if fits():
+                return
             each.hide()
+        if not fits():
+            self.camera.setMinimumWidth(CAMERA[0])
+        if not fits():
+            self.aov.hide()
 
     def show_tools(self, actions: Sequence[QAction]) -> None:
         """Show buttons of the window's actions at the left."""

@@ -37,7 +37,7 @@ from usdsplat.preview.qt.viewport_figures import EdgeLines, placed
 from usdsplat.preview.qt.viewport_holds import BoxHold, HandleHold, Hold, NavigatingHold
 from usdsplat.preview.qt.viewport_keys import do_key
 from usdsplat.preview.qt.viewport_navigation import NOTCH, QUICKER, Moves, notches
-from usdsplat.preview.qt.viewport_painting import PREPARING, Rate, Scene
+from usdsplat.preview.qt.viewport_painting import Badges, Rate, Scene
 from usdsplat.preview.qt.viewport_targets import Hot, Press, Targets
 from usdsplat.preview.values import Busy, Picture
 from usdsplat.preview.viewer import Viewer
@@ -73,11 +73,10 @@ class Viewport(QWidget):
         self.viewer = viewer
         self.picture: Picture | None = None
         """The last displayed picture."""
-        self.waiting = PREPARING
-        """What the first picture waits for."""
+        self.badges = Badges()
+        """What is said over the picture."""
         self.side = 0
         """Side of a comparison that is changed, whose name stands out."""
-        self._progress = ""
         self.mode: Mode | None = "translate"
         """Mode of the manipulator; None for none."""
         self.space: Space = "world"
@@ -120,8 +119,7 @@ class Viewport(QWidget):
 
     def show_busy(self, busy: Busy) -> None:
         """Say what the first picture waits for, or how far the light of the next one is."""
-        self._progress = painting.progress_of(busy)
-        self.waiting = f"{busy.what[:1].upper()}{busy.what[1:]}…" if busy.what else PREPARING
+        self.badges.follow(busy)
         self.update()
 
     def set_mode(self, mode: Mode | None) -> None:
@@ -175,6 +173,7 @@ class Viewport(QWidget):
             projection=self.projection,
             manipulator=self.manipulator,
             lights=self._lights(),
+            outlines=() if self.picture is None else self.picture.overlays.affectors,
             ratio=self.devicePixelRatioF(),
         )
 
@@ -186,7 +185,7 @@ class Viewport(QWidget):
     def paintEvent(self, event: QPaintEvent) -> None:
         painter, state = QPainter(self), self.viewer.state
         if self.picture is None or self.projection is None:
-            painting.paint_nothing(painter, QRectF(self.rect()), self.waiting)
+            painting.paint_nothing(painter, QRectF(self.rect()), self.badges.waiting)
             return
         scene = Scene(
             picture=self.picture,
@@ -197,7 +196,7 @@ class Viewport(QWidget):
             state=state,
             lights=self._lights(),
             side=self.side,
-            progress=self._progress,
+            badges=self.badges,
             edges=self._edges.of(self.picture, self._size(), self.projection),
             affectors=self._affectors.of(self.picture, self._size(), self.projection),
             manipulator=self.manipulator,
@@ -206,6 +205,7 @@ class Viewport(QWidget):
             wipe=None if state.other is None else state.wipe,
             wipe_is_hot=self._hot.is_wipe,
             box=self._hold.rectangle if isinstance(self._hold, BoxHold) else None,
+            dragged=self._hold.words if isinstance(self._hold, HandleHold) else "",
             shows_hud=self.shows_hud,
             rate=self._rate.per_second,
         )

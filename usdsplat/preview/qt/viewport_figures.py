@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import pairwise
 
+import numpy as np
 from PySide6.QtCore import QLineF, QPointF, Qt
 from PySide6.QtGui import QColor, QPainter, QPen
 
@@ -28,6 +29,8 @@ LAMP_RADIUS = 5.0
 """Radius of the icon of a light [pixel of the window]."""
 LAMP_REACH = 11.0
 """Maximum distance from the icon for a hit."""
+LINE_REACH = 5.0
+"""Distance from a line of an outline up to which it is hit."""
 APART = 2.0
 """Distance up to which icons are at one place."""
 LENGTH = 42.0
@@ -123,7 +126,7 @@ class EdgeLines:
     def of(
         self, picture: Picture, size: tuple[int, int], projection: Projection
     ) -> Sequence[QLineF]:
-        """Return the lines; edges that reach behind the camera are left out.
+        """Return the lines; edges that reach behind the camera are cut at its near plane.
 
         Args:
             picture: The displayed picture.
@@ -153,11 +156,37 @@ def paint_affectors(painter: QPainter, lines: Sequence[QLineF], *, ratio: float)
         painter.drawLines(lines)
 
 
+def outline_at(
+    outlines: Iterable[MeshEdges], pixel: Pixel, projection: Projection, *, ratio: float
+) -> str:
+    """Return the path of the outline whose lines are nearest to a pixel; "" if none is near."""
+    nearest, found = LINE_REACH * ratio, ""
+    for each in outlines:
+        lines = _ends_of(each, projection)
+        ways = lines[:, 2:] - lines[:, :2]
+        squares = np.maximum(np.sum(ways * ways, axis=1), 1e-30)
+        parts = np.clip(np.sum((pixel - lines[:, :2]) * ways, axis=1) / squares, 0.0, 1.0)
+        away = np.hypot(*(lines[:, :2] + parts[:, None] * ways - pixel).T)
+        if away.min(initial=np.inf) < nearest:
+            nearest, found = float(away.min()), each.path
+    return found
+
+
 def _lines_of(edges: MeshEdges, projection: Projection) -> Iterator[QLineF]:
+    return (QLineF(*line) for line in _ends_of(edges, projection).tolist())
+
+
+def _ends_of(edges: MeshEdges, projection: Projection) -> F64:
+    """Return the edges in front of the camera as lines of the viewport, shape (n, 4)."""
     points = edges.segments.reshape(-1, 3) @ edges.to_world[:3, :3].T + edges.to_world[:3, 3]
-    is_ahead = (projection.depths(points) > projection.near).reshape(-1, 2).all(axis=1)
-    pixels = projection.pixels(points).reshape(-1, 4)[is_ahead]
-    return (QLineF(*line) for line in pixels.tolist())
+    ahead = (projection.depths(points) - projection.near).reshape(-1, 2)
+    is_seen = (ahead > 0).any(axis=1)
+    ends, ahead = points.reshape(-1, 2, 3)[is_seen], ahead[is_seen]
+    for one, other in ((0, 1), (1, 0)):
+        is_cut = ahead[:, one] < 0
+        part = ahead[is_cut, one] / (ahead[is_cut, one] - ahead[is_cut, other])
+        ends[is_cut, one] += part[:, None] * (ends[is_cut, other] - ends[is_cut, one])
+    return projection.pixels(ends.reshape(-1, 3)).reshape(-1, 4)
 
 
 def _placed(

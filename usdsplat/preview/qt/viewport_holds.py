@@ -185,6 +185,11 @@ class HandleHold:
         self._drag = begin_drag(manipulator, handle, pixel, projection)
         viewer.begin_drag(_VERBS[manipulator.mode])
 
+    @property
+    def words(self) -> str:
+        """What the drag has changed so far; "" for nothing."""
+        return "" if self._is_over else self._drag.words
+
     def move(self, pixel: Pixel, modifiers: Qt.KeyboardModifier) -> None:
         """Move the prim by the pointer."""
         if self._is_over:

@@ -16,6 +16,8 @@ RADIUS = 5.0
 MARGIN = 10.0
 """Margin from the viewport's edges [pixel of the window]."""
 PAD = 8.0
+GAP = 6.0
+"""Distance of two badges."""
 STEPS: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("prepare", ("sync", "lay out", "surfaces", "nodes")),
     ("light", ("light splats",)),
@@ -145,6 +147,23 @@ def paint_badge(painter: QPainter, text: str, top: QPointF) -> QRectF:
     pane = QRectF(top.x() - 0.5 * width, top.y(), width, metrics.height() + PAD)
     _paint_pane(painter, pane)
     painter.setPen(style.ANIMATED)
+    painter.drawText(pane, Qt.AlignmentFlag.AlignCenter, text)
+    return pane
+
+
+def paint_label(painter: QPainter, text: str, top: QPointF, place: QRectF) -> QRectF:
+    """Paint text on a pane with its top at the middle of a point, moved into a place if it would
+    lie outside of it; return its rectangle."""
+    font = style.digits()
+    font.setPointSizeF(10.0)
+    painter.setFont(font)
+    metrics = QFontMetricsF(font)
+    width, height = metrics.horizontalAdvance(text) + 2 * PAD, metrics.height() + PAD
+    inner = place.adjusted(MARGIN, MARGIN, -MARGIN - width, -MARGIN - height)
+    left = min(max(top.x() - 0.5 * width, inner.left()), max(inner.right(), inner.left()))
+    pane = QRectF(left, min(max(top.y(), inner.top()), inner.bottom()), width, height)
+    _paint_pane(painter, pane)
+    painter.setPen(style.TEXT)
     painter.drawText(pane, Qt.AlignmentFlag.AlignCenter, text)
     return pane
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from PySide6.QtCore import QLineF, QPointF, QRectF, Qt
 from PySide6.QtGui import QImage, QPainter
 
-from usdsplat.preview.manipulator import Handle, Manipulator
+from usdsplat.preview.manipulator import LENGTH, VIEW_RING, Handle, Manipulator
 from usdsplat.preview.overlays import LightMark
 from usdsplat.preview.projection import Projection
 from usdsplat.preview.qt import style
@@ -25,6 +25,8 @@ MEMORY = 1.0
 CORNER = 46.0
 """Distance of the axes from the lower left corner [pixel of the window]."""
 BESIDE_AXES = 84.0
+BELOW = 20.0
+"""Distance of the words of a drag from the handles above them [pixel of the window]."""
 PREPARING = "Preparing the first picture…"
 ABOVE = 30.0
 """Distance of the names of a comparison from the tags at the bottom [pixel of the window]."""
@@ -55,6 +57,23 @@ class Rate:
         return (len(self._times) - 1) / (self._times[-1] - self._times[0])
 
 
+@dataclass(slots=True)
+class Badges:
+    """What is said over the picture, or before the first one."""
+
+    waiting: str = PREPARING
+    """What the first picture waits for."""
+    progress: str = ""
+    """How far the light of the next picture is; "" if it is not known."""
+    unsimulated: str = ""
+    """That the shown time is not simulated; "" if it is."""
+
+    def follow(self, busy: Busy) -> None:
+        """Say what a session does."""
+        self.progress = progress_of(busy)
+        self.waiting = f"{busy.what[:1].upper()}{busy.what[1:]}…" if busy.what else PREPARING
+
+
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Scene:
     """The data of one painted viewport."""
@@ -72,8 +91,7 @@ class Scene:
     """Lights at their places now."""
     side: int
     """Side of a comparison whose name stands out: 0 is left."""
-    progress: str
-    """How far the light of the next picture is; "" if it is not known."""
+    badges: Badges
     edges: Sequence[QLineF]
     """The edges of meshes."""
     affectors: Sequence[QLineF]
@@ -88,6 +106,8 @@ class Scene:
     wipe_is_hot: bool
     box: Rectangle | None
     """The box that is being drawn; None for none."""
+    dragged: str
+    """What the drag of a handle has changed so far, in words; "" for no drag."""
     shows_hud: bool
     rate: float | None
     """Pictures per second."""
@@ -179,9 +199,20 @@ def _paint_words(painter: QPainter, place: QRectF, scene: Scene) -> None:
     else:
         tag = hud.paint_tag(painter, left_name, QPointF(right, bottom), right=True)
         right = tag.left() - 6.0
+    if scene.manipulator is not None and scene.dragged:
+        hud.paint_label(painter, scene.dragged, _below(scene.manipulator, scene), place)
+    middle = QPointF(place.center().x(), hud.MARGIN)
+    if scene.badges.unsimulated:
+        pane = hud.paint_badge(painter, scene.badges.unsimulated, middle)
+        middle.setY(pane.bottom() + hud.GAP)
     if picture.lacks_light:
-        middle = QPointF(place.center().x(), hud.MARGIN)
-        hud.paint_badge(painter, scene.progress or LIGHTING, middle)
+        hud.paint_badge(painter, scene.badges.progress or LIGHTING, middle)
     if picture.scale > 1.0:
         mark = f"coarse ×{picture.scale:g}"
         hud.paint_tag(painter, mark, QPointF(right, bottom), right=True, color=style.ANIMATED)
+
+
+def _below(manipulator: Manipulator, scene: Scene) -> QPointF:
+    """Return the point below the handles of a manipulator, in pixels of the window."""
+    x, y = scene.projection.pixels(manipulator.origin)[0] / scene.ratio
+    return QPointF(x, y + VIEW_RING * LENGTH + BELOW)

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from PySide6.QtCore import Qt
 
 from usdsplat.preview.manipulator import Handle, Manipulator
-from usdsplat.preview.overlays import LightMark
+from usdsplat.preview.overlays import LightMark, MeshEdges
 from usdsplat.preview.projection import Pixel, Projection
-from usdsplat.preview.qt.viewport_figures import lights_at
+from usdsplat.preview.qt.viewport_figures import lights_at, outline_at
 from usdsplat.preview.qt.viewport_holds import (
     CLICK,
     BoxHold,
@@ -41,6 +41,8 @@ class Hot:
     is_wipe: bool = False
     lights: tuple[str, ...] = ()
     """Paths of lights, all at one place."""
+    outline: str = ""
+    """Path of what acts on a simulation, by a line of its outline; "" for none."""
 
     @property
     def light(self) -> str:
@@ -52,7 +54,8 @@ class Hot:
         """Cursor that says what a drag would do."""
         if self.is_wipe:
             return Qt.CursorShape.SplitHCursor
-        return Qt.CursorShape.PointingHandCursor if self.lights else Qt.CursorShape.ArrowCursor
+        is_picked = bool(self.lights or self.outline)
+        return Qt.CursorShape.PointingHandCursor if is_picked else Qt.CursorShape.ArrowCursor
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -65,6 +68,8 @@ class Targets:
     manipulator: Manipulator | None
     lights: tuple[LightMark, ...]
     """Lights that are shown."""
+    outlines: tuple[MeshEdges, ...]
+    """Outlines of what acts on simulations, if they are shown."""
     ratio: float
     """Viewport pixels per window pixel."""
 
@@ -77,7 +82,10 @@ class Targets:
         handle = self.manipulator.hit(pixel, self.projection) if self.manipulator else None
         if handle is not None:
             return Hot(handle=handle)
-        return Hot(lights=lights_at(self.lights, pixel, self.projection, ratio=self.ratio))
+        lights = lights_at(self.lights, pixel, self.projection, ratio=self.ratio)
+        if lights:
+            return Hot(lights=lights)
+        return Hot(outline=outline_at(self.outlines, pixel, self.projection, ratio=self.ratio))
 
     def _is_wipe(self, pixel: Pixel) -> bool:
         state = self.viewer.state
@@ -148,8 +156,9 @@ class Press:
         adds = bool(self.modifiers & Qt.KeyboardModifier.ShiftModifier)
 
         def clicked() -> None:
-            if hot.lights:
-                viewer.select(with_lights(viewer.state.selected, hot.lights, adds=adds))
+            figures = hot.lights or ((hot.outline,) if hot.outline else ())
+            if figures:
+                viewer.select(with_lights(viewer.state.selected, figures, adds=adds))
             else:
                 self.clicked(self.pixel, adds)
 

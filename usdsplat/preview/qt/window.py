@@ -11,12 +11,7 @@ from typing import Any
 
 from PySide6.QtCore import Qt, QTimer, Signal
 from PySide6.QtGui import QAction, QCloseEvent, QDragEnterEvent, QDropEvent, QKeySequence
-from PySide6.QtWidgets import (
-    QFileDialog,
-    QLabel,
-    QMainWindow,
-    QStackedWidget,
-)
+from PySide6.QtWidgets import QFileDialog, QLabel, QMainWindow, QStackedWidget
 
 from usdsplat import formats
 from usdsplat.core.axes import flipped
@@ -87,7 +82,7 @@ class Window(QMainWindow):
         self._pages.addWidget(self.empty)
         self.setCentralWidget(above(self._pages, self.problems))
         self._note, self._path_note = QLabel(), QLabel()
-        self._busy = ""
+        self._busy, self._warning = "", ""
         self._path_note.setContentsMargins(0, 0, 10, 0)
         self._note.setContentsMargins(6, 0, 0, 0)
         self._path_note.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
@@ -301,6 +296,7 @@ class Window(QMainWindow):
             self.actions_by_name[key.name] = action
             menu.addAction(action)
         self._purposes = {}
+        menus["View"].addSeparator()
         purposes = menus["View"].addMenu("Purposes")
         for purpose in PURPOSES:
             action = purposes.addAction(purpose)
@@ -386,8 +382,9 @@ class Window(QMainWindow):
 
     def _show_warnings(self, warnings: tuple[str, ...]) -> None:
         self.statusBar().setToolTip("\n".join(warnings))
-        if warnings and not self._note.text():
-            self._note.setText(warnings[0])
+        before, self._warning = self._warning, warnings[0] if warnings else ""
+        if self._note.text() in ("", before):  # a warning is no longer said once it is over
+            self._say(self._warning)
 
     def _show_title(self, name: str = "") -> None:
         self.setWindowTitle(f"{name} — usdsplat" if name else "usdsplat")

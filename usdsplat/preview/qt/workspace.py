@@ -7,7 +7,15 @@ from collections.abc import Callable
 from functools import partial
 
 from PySide6.QtCore import Qt, QTimer, Signal
-from PySide6.QtWidgets import QInputDialog, QMenu, QSplitter, QTabWidget, QVBoxLayout, QWidget
+from PySide6.QtWidgets import (
+    QApplication,
+    QInputDialog,
+    QMenu,
+    QSplitter,
+    QTabWidget,
+    QVBoxLayout,
+    QWidget,
+)
 
 from usdsplat.preview import opening
 from usdsplat.preview.display import choices
@@ -21,12 +29,14 @@ from usdsplat.preview.qt.prim_tree import PrimTree
 from usdsplat.preview.qt.probe_panel import ProbePanel
 from usdsplat.preview.qt.render_panel import RenderPanel
 from usdsplat.preview.qt.session_proxy import SessionProxy
+from usdsplat.preview.qt.shadow_hint import ShadowHint
 from usdsplat.preview.qt.simulation_panel import SimulationPanel
 from usdsplat.preview.qt.timeline_bar import TimelineBar
 from usdsplat.preview.qt.view_strip import ViewStrip
 from usdsplat.preview.qt.viewport import Viewport
 from usdsplat.preview.stage_model import cameras
 from usdsplat.preview.stage_model.edits import Edits
+from usdsplat.preview.unsimulated import unsimulated
 from usdsplat.preview.values import Opened, Problem
 from usdsplat.render.specs import CameraSpec
 
@@ -34,7 +44,7 @@ LOOK_AT_FILES = 2000
 """Interval of checks for changed files [ms]."""
 SIDES = (330, 920, 350)
 """Initial widths of tree, viewport and panels [pixel]."""
-NARROWEST = (260, 240, 316)
+NARROWEST = (260, 250, 316)
 """Minimum widths of tree, viewport and panels [pixel]."""
 
 
@@ -85,6 +95,7 @@ class Workspace(QWidget):
         self.prim = PrimPanel(context)
         self.render_panel = RenderPanel(context, device=device)
         LightHint(context, self.render_panel.lights, self.notices)
+        ShadowHint(context, self.notices)
         self.simulation = SimulationPanel(context)
         self.probe = ProbePanel(context, self.viewport)
         self.timeline = TimelineBar(context)
@@ -195,6 +206,11 @@ class Workspace(QWidget):
             self.context.viewer.select(())
         self.viewport.setFocus()
 
+    def search(self) -> None:
+        """Focus the search of properties if the focus is in their panel, else that of prims."""
+        is_prim = self.prim.isAncestorOf(QApplication.focusWidget() or self)
+        (self.prim.box if is_prim else self.tree.box).setFocus()
+
     def undo(self) -> None:
         """Undo the last edit."""
         self.context.edit(Edits.undo)
@@ -265,6 +281,7 @@ class Workspace(QWidget):
         self.tree.frame_requested.connect(lambda path: context.viewer.frame((path,)))
         self.viewport.focus_requested.connect(self._aim)
         context.view_changed.connect(lambda: self.viewport.set_side(context.side))
+        context.view_changed.connect(self._say_unsimulated)
         self.render_panel.device_chosen.connect(self.device_chosen)
 
     def _lay_out(self) -> None:
@@ -337,6 +354,19 @@ class Workspace(QWidget):
     def _say(self, problem: Problem) -> None:
         self.problems.say(problem.sentence)
         self._of_picture = problem.sentence if problem.of_picture else ""
+
+    def _say_unsimulated(self) -> None:
+        """Say it if the shown time is not simulated."""
+        context = self.context
+        words = unsimulated(
+            context.simulation,
+            context.time,
+            start=context.viewer.timeline.start,
+            is_baked=context.baked is not None,
+        )
+        if words != self.viewport.badges.unsimulated:
+            self.viewport.badges.unsimulated = words
+            self.viewport.update()
 
     def _settle(self, sentence: str) -> None:
         if self.problems.sentence == sentence:

@@ -83,7 +83,7 @@ class AffectorFinder:
             to_world: F64 = np.array(local_to_world(part.placer, cache), np.float64).T
         except StageError:  # told where it is simulated
             return
-        yield MeshEdges(segments, to_world)
+        yield MeshEdges(segments, to_world, path=str(prim.GetPath()))
 
 
 def _shapes(stage: Usd.Stage, path: Sdf.Path) -> bool:

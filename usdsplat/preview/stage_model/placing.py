@@ -38,6 +38,11 @@ def transform(stage: Usd.Stage, path: str, *, time: float | None = None) -> Matr
     return tuple(np.array(matrix).T.ravel().tolist())
 
 
+def can_move(prim: Usd.Prim) -> bool:
+    """Return whether a prim has a transform of its own that edits can change."""
+    return bool(prim) and not prim.IsInstanceProxy() and prim.HasAttribute("xformOpOrder")
+
+
 def edit_of(prim: Usd.Prim, matrix: Matrix, code: Usd.TimeCode) -> Gf.Matrix4d:
     """Return the op's value that moves a prim to a matrix.
 

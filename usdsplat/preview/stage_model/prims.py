@@ -101,7 +101,7 @@ def search(stage: Usd.Stage, text: str, *, most: int = 1000) -> tuple[str, ...]:
     text = text.strip()
     if not text:
         return ()
-    matches = _matcher(text)
+    matches = matcher(text)
     in_paths = "/" in text
     types: dict[str, bool] = {}
     found = []
@@ -195,8 +195,8 @@ def _shown(*, undefined: bool = False, abstract: bool = False) -> Any:
     return Usd.TraverseInstanceProxies(flags[0] & flags[1] if len(flags) == 2 else flags[0])
 
 
-def _matcher(text: str) -> Callable[[str], object]:
-    """Return a function that tests whether a text matches, ignoring case."""
+def matcher(text: str) -> Callable[[str], object]:
+    """Return a function that tests whether a text matches, ignoring case, as `search` has it."""
     if "*" in text or "?" in text:
         return re.compile(fnmatch.translate(text), re.IGNORECASE).match
     wanted = text.lower()

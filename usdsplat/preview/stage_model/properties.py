@@ -14,6 +14,7 @@ from usdsplat.core.errors import StageError, UsdSplatError
 from usdsplat.preview.knob_model import Editor
 from usdsplat.preview.stage_model.attribute_values import editor_of, text_of
 from usdsplat.preview.stage_model.placing import code_of
+from usdsplat.preview.stage_model.prims import matcher
 from usdsplat.schema.stage_values import local_to_world, world_bound
 from usdsplat.schema.values import value as value_of
 
@@ -74,6 +75,15 @@ _SOURCES: dict[Any, Source] = {
     Usd.ResolveInfoSourceTimeSamples: "time samples",
     Usd.ResolveInfoSourceValueClips: "value clips",
 }
+_TURNED = (
+    *(f"inputs:{name}" for name in ("intensity", "exposure", "color", "texture:file")),
+    *(f"inputs:{name}" for name in ("angle", "radius", "width", "height", "length")),
+    *(f"inputs:{name}" for name in ("enableColorTemperature", "colorTemperature")),
+    *(f"inputs:{name}" for name in ("shaping:cone:angle", "shaping:cone:softness")),
+    *("focalLength", "focusDistance", "fStop", "horizontalAperture", "verticalAperture"),
+    *("clippingRange", "projection", "radius", "size", "width", "length", "height", "axis"),
+)
+"""Properties of lights, cameras and shapes that most people turn, the first ones first."""
 _PROPERTY_FIELDS = ("primChildren", "properties", "propertyChildren")
 """Fields of a prim spec that list children, not metadata."""
 
@@ -85,7 +95,10 @@ def properties(
     time: float | None = None,
     facts: Iterable[tuple[str, str]] = (),
 ) -> tuple[PropertyRow, ...]:
-    """Return a prim's properties at a time: computed ones first, then the others by name.
+    """Return a prim's properties at a time.
+
+    Those that most people turn come first, such as the intensity of a light. Computed ones follow,
+    then the others by name, and collections last.
 
     Args:
         stage: The stage.
@@ -104,7 +117,19 @@ def properties(
             rows.extend(_attribute(each, code))
         else:
             rows.append(_relationship(each))
-    return tuple(rows)
+    return tuple(sorted(rows, key=_place))
+
+
+def matching(rows: Iterable[PropertyRow], text: str) -> tuple[PropertyRow, ...]:
+    """Return the rows whose name, type or value contains a text, with the rules of `prims.search`;
+    all rows for an empty one."""
+    text = text.strip()
+    if not text:
+        return tuple(rows)
+    matches = matcher(text)
+    return tuple(
+        row for row in rows if any(map(matches, filter(None, (row.name, row.type_name, row.text))))
+    )
 
 
 def metadata(stage: Usd.Stage, path: str) -> tuple[MetadataRow, ...]:
@@ -143,6 +168,17 @@ def composition(stage: Usd.Stage, path: str) -> tuple[ArcRow, ...]:
                     )
                 )
     return tuple(rows)
+
+
+def _place(row: PropertyRow) -> tuple[int, int]:
+    """Return the place of a row among those of a prim; equal ones keep their order."""
+    if row.name in _TURNED:
+        return 0, _TURNED.index(row.name)
+    if row.name.startswith("inputs:"):
+        return 0, len(_TURNED)
+    if row.kind == "computed":
+        return 1, 0
+    return 3 if row.name.startswith("collection:") else 2, 0
 
 
 def _computed(prim: Usd.Prim, code: Usd.TimeCode) -> Iterator[PropertyRow]:

@@ -41,7 +41,7 @@ export class Probe {
       ["Pixel", `${probed.x}, ${probed.y}`],
       ["On the screen", probed.shown.map((part) => part.toFixed(3)).join(", ")],
       ["8 bit", bytes.join(", ")],
-      ["RGBA before the view", probed.rendered.map(short).join(", ")],
+      ["Before the view", probed.rendered.map(short).join(", ")],
     ];
     if (probed.aov !== "color") probed.channels.forEach((name, index) => rows.push([name, short(probed.values[index])]));
     if (probed.position) rows.push(["P", probed.position.map(short).join(", ")]);
