@@ -20,6 +20,7 @@ EXPECTED = {
     "sublayer": ("missing-asset", "/"),
     "texture": ("missing-asset", "/W/Mat/T"),
     "dome": ("bad-light", "/W/Dome"),
+    "bright": ("extreme-light", "/W/Sun"),
     "portal": ("unsupported-light", "/W/Portal"),
     "volume": ("unsupported-prim", "/W/Volume"),
     "curves": ("unsupported-prim", "/W/Hair"),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from pxr import Usd, UsdGeom
+from pxr import Sdf, Usd, UsdGeom
 
 from tests.schema.clouds import cloud
 from usdsplat import schema
@@ -52,6 +52,20 @@ def test_an_inherited_grade_and_an_illegal_one_are_found(stage) -> None:
     assert found(stage) == expected
     stage.GetPrimAtPath("/World").GetAttribute("splat:grade:gain").Set((float("nan"), 1, 1))
     assert found(stage) == expected
+
+
+def test_light_of_a_field_is_found(stage) -> None:
+    """Oracle: SplatLightingAPI of each field; captured light is that of a capture."""
+    for name, mode in (("A", "relit"), ("B", "captured")):
+        prim = stage.GetPrimAtPath(f"/World/{name}")
+        prim.CreateAttribute("splat:lighting", Sdf.ValueTypeNames.Token).Set(mode)
+    assert found(stage) == [("/World/A", "another light")]
+    stage.GetPrimAtPath("/World/B").GetAttribute("splat:lighting").Set("shadowed")
+    schema.author_grade(stage.GetPrimAtPath("/World/B"), exposure=1.0)
+    assert found(stage)[1] == ("/World/B", "a grade and shadows of lights")
+    fields = [stage.GetPrimAtPath(f"/World/{name}") for name in "AB"]
+    alone, graded = (each.cure for each in unapplied(fields, None))
+    assert alone.startswith("relight") and "--crop-box" in graded
 
 
 @pytest.mark.parametrize("export", [export_capture, export_each])

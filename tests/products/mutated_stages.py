@@ -128,6 +128,7 @@ MUTATIONS: dict[str, Callable[[Usd.Stage], None]] = {
     "prim": refer("/W/Hero2", "", "/W/None"),
     "sublayer": lambda stage: stage.GetRootLayer().subLayerPaths.append("./none.usda"),
     "dome": _dome,
+    "bright": put("/W/Sun.inputs:intensity", F.Float, 1e20),
     "portal": define("/W/Portal", "PortalLight"),
     "volume": define("/W/Volume", "Volume"),
     "curves": define("/W/Hair", "BasisCurves"),

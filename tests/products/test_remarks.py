@@ -109,6 +109,28 @@ def test_a_light_of_photographs_inside_an_instance_is_a_finding(run, tmp_path):
     assert "[instanced-light]" not in run("render", shot, *relit)[2]
 
 
+def test_few_samples_of_a_wide_light_are_a_note(run, shot, tmp_path):
+    """Oracle: 16 samples of 40 degrees, (40 / 5)² = 64 at 5 degrees; none where there are enough,
+    where the light casts no shadows, or where the picture has none."""
+    output = ("-o", tmp_path / "a.exr", *SMALL)
+    change(shot, lambda s: UsdLux.DistantLight.Define(s, "/World/Sun").CreateAngleAttr(40.0))
+    shadowed = (*output, "--lighting", "shadowed")
+    status, _, err = run("render", shot, *shadowed, "--strict")
+    assert status == 0 and err.count("note [few-light-samples] /World/Sun: ") == 1
+    assert "found 16 samples of 40 degrees, expected 64 or more" in err
+    assert "[few-light-samples]" not in run("render", shot, *output)[2]
+    assert "[few-light-samples]" not in run("render", shot, *shadowed, "--light-samples", 64)[2]
+    err = run("relight", shot, "-o", tmp_path / "relit.usdc")[2]
+    assert err.count("[few-light-samples]") == 1
+
+    def without_shadows(stage):
+        prim = stage.GetPrimAtPath("/World/Sun")
+        UsdLux.ShadowAPI.Apply(prim).CreateShadowEnableAttr(False)
+
+    change(shot, without_shadows)
+    assert "[few-light-samples]" not in run("render", shot, *shadowed)[2]
+
+
 def test_a_catcher_must_be_a_prim(run, shot, tmp_path):
     """Oracle: one sentence and status 2; the field is accepted, and is not in the picture."""
     output = ("-o", tmp_path / "a.exr", *SMALL, "--aovs", "color,shadow")

@@ -31,8 +31,8 @@ a later frame have its time code.
 - What a command cannot go on from, such as the requested camera if it forms no image, is no
   finding there but the error that ends it: one sentence without a code on stderr, status 2, with or
   without `--strict` and `--json`. `validate` reports it as a finding.
-- Roughness, index of refraction, clearcoat and normal maps are no findings: surfaces are diffuse,
-  so nearly every asset would have some.
+- Surfaces are diffuse, so nearly every asset has a gloss that is not drawn: a roughness below 0.5,
+  clearcoats and normal maps are one note for the whole stage.
 - Codes of splat fields are also the names of the UsdValidation errors of our validators, in
   camelCase.
 

@@ -1,4 +1,4 @@
-"""Find the grades and crops of fields, which exports to captures do not apply."""
+"""Find grades, crops and light of fields, which exports to captures do not apply."""
 
 from __future__ import annotations
 
@@ -11,9 +11,15 @@ from usdsplat.core.errors import StageError
 from usdsplat.core.findings import Finding, finding
 from usdsplat.core.grade import Grade
 
+LIT = {"shadowed": "shadows of lights", "relit": "another light"}
+"""Mode of `SplatLightingAPI` -> what a field asks for."""
+RELIGHT = "relight the splats to a layer with usdsplat relight, and convert that"
+"""Cure for light that is not applied."""
+
 
 def unapplied(prims: Iterable[Usd.Prim], time: float | None) -> Iterator[Finding]:
-    """Yield a finding for each field with a grade or a crop, its own or inherited, that acts.
+    """Yield a finding for each field with a grade or a crop, its own or inherited, that acts, or
+    with a light of its own.
 
     Args:
         prims: The fields.
@@ -22,9 +28,12 @@ def unapplied(prims: Iterable[Usd.Prim], time: float | None) -> Iterator[Finding
     for prim in prims:
         acting = ["a grade"] if is_graded(prim, time) else []
         acting += ["a crop"] if is_cropped(prim) else []
-        if acting:
-            expected = "none: captures have neither grades nor crops"
-            yield finding("not-applied", str(prim.GetPath()), " and ".join(acting), expected)
+        lit = LIT.get(schema.lighting_mode(prim))
+        if acting or lit:
+            expected = "none: captures have neither grades, crops nor lights"
+            found = " and ".join([*acting, *([lit] if lit else [])])
+            cure = "" if acting else RELIGHT
+            yield finding("not-applied", str(prim.GetPath()), found, expected, cure=cure)
 
 
 def is_graded(prim: Usd.Prim, time: float | None) -> bool:

@@ -22,7 +22,7 @@ from usdsplat.interchange.over_layer import save_over
 from usdsplat.kernels.device import Device
 from usdsplat.products.captured_hdri import of_picture, photographed_in
 from usdsplat.products.lit_times import LitField, LitFolder, LitTime, stamp_of
-from usdsplat.products.remarks import estimated_light
+from usdsplat.products.remarks import estimated_light, few_light_samples
 from usdsplat.render.frame_buffers import FrameBuffers
 from usdsplat.render.lights.captured import estimate
 from usdsplat.render.lights.relighting import field_gains, fit_colors
@@ -290,9 +290,10 @@ class _Lighter:
         at, samples = self._work[number]
         engine.set_time(at)
         engine.sync()
-        findings = tuple(map(of_picture, engine.findings))
-        say(number, findings)
         scene = engine.render_scene
+        asked = (*engine.findings, *few_light_samples(scene, self._settings))
+        findings = tuple(map(of_picture, asked))
+        say(number, findings)
         if self._buffers is None:
             self._buffers = FrameBuffers(device.resident)
         gains = field_gains(device, scene, self._settings.resolved(()), self._buffers)

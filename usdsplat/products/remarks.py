@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import posixpath
 from collections.abc import Collection, Iterable, Iterator
 from pathlib import Path, PurePosixPath
@@ -29,6 +30,8 @@ FLAT_ONLY = (
 empty pixels and one rank of Cryptomatte."""
 DEEP_ONLY = ("deep_error", "deep_color")
 """Knobs that have no effect on flat pictures."""
+COARSE = math.radians(5)
+"""Angle between samples of a light from which on a penumbra has visible steps [rad]."""
 WIDEST = 0.1
 """Width of a lens, as a part of its focus distance, above which it is probably a mistake."""
 
@@ -121,8 +124,9 @@ NOTE: Severity = "note"
 
 
 def shadows(engine: Engine, plan: PicturePlan) -> Iterator[Finding]:
-    """Yield a finding if a picture with shadows has no lights, and on each relit field or tree with
-    an estimated light; a note where only the AOV is asked for, as among all AOVs."""
+    """Yield a finding if a picture with shadows has no lights, on lights with few samples, and on
+    each relit field or tree with an estimated light; no lights are a note where only the AOV is
+    asked for, as among all AOVs."""
     is_lit, scene = plan.settings.lighting != "captured", engine.render_scene
     modes = {
         path: (mode_of(each, plan.settings, plan.light_rules), each)
@@ -137,10 +141,25 @@ def shadows(engine: Engine, plan: PicturePlan) -> Iterator[Finding]:
         severity = None if is_lit else NOTE
         yield finding("no-lights", where, "no lights", expected, severity=severity)
         return
+    yield from few_light_samples(scene, plan.settings)
     for path, each in relit.items():
         if not any(scene.light(light) for light in each.spec.captured_lights):
             yield estimated_light(path)
         yield from _instanced_lights(path, each)
+
+
+def few_light_samples(scene: RenderScene, settings: RenderSettings) -> Iterator[Finding]:
+    """Yield a finding on each distant light whose samples are far apart.
+
+    Those of other lights are as far apart as their distance says, which no number tells.
+    """
+    for path, light in sorted(scene.named_lights.items()):
+        angle = min(light.angle, math.pi)
+        least = math.ceil((angle / COARSE) ** 2)
+        if light.kind == "distant" and light.shadow.enable and settings.light_samples < least:
+            samples = counted(settings.light_samples, "sample")
+            found = f"{samples} of {math.degrees(angle):g} degrees"
+            yield finding("few-light-samples", path, found, f"{least} or more")
 
 
 def _split_lighting(scene: RenderScene, plan: PicturePlan) -> Iterator[Finding]:

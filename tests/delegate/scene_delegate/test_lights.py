@@ -197,6 +197,41 @@ def test_a_profile_and_a_texture_of_a_light_are_findings() -> None:
         found = [each for each in engine.findings if each.code == "unsupported-input"]
     assert [each.path for each in found] == ["/Rect", "/Rect"]
     assert all(name in f"{found}" for name in ("lamp.ies", "sky.exr"))
+    cures = {each.attribute: each.cure for each in found}
+    assert "cone:angle" in cures["inputs:shaping:ies:file"]
+    assert "mean colour" in cures["inputs:texture:file"]
+
+
+@pytest.mark.parametrize(
+    ("kind", "strength", "code"),
+    [
+        ("DistantLight", 65400.0 * math.pi, None),
+        ("DistantLight", 65600.0 * math.pi, "extreme-light"),
+        ("DistantLight", 1e30, "extreme-light"),
+        ("DomeLight", 65400.0, None),
+        ("DomeLight", 65600.0, "extreme-light"),
+        ("DomeLight", 1e30, "extreme-light"),
+        ("SphereLight", 1e9, None),
+        ("SphereLight", 1e29, "extreme-light"),
+        ("DistantLight", 1e33, "bad-light"),
+        ("DomeLight", 1e31, "bad-light"),
+        ("SphereLight", 1e31, "bad-light"),
+    ],
+)
+def test_light_that_half_pictures_cannot_hold_is_a_finding(kind, strength, code) -> None:
+    """Oracle: 65504, the largest half, on a white surface that faces the light: intensity / π of a
+    distant light without an angle, the radiance of a dome. A light of `bad-light` is left out."""
+    stage = Usd.Stage.CreateInMemory()
+    prim = stage.DefinePrim("/Light", kind)
+    prim.GetAttribute("inputs:intensity").Set(strength)
+    if kind == "DistantLight":
+        prim.GetAttribute("inputs:angle").Set(0.0)
+    with Engine(stage) as engine:
+        assert [each.code for each in engine.findings] == ([code] if code else [])
+        assert len(engine.render_scene.lights) == (code != "bad-light")
+        prim.GetAttribute("inputs:intensity").Set(1.0)
+        engine.sync()
+        assert engine.findings == ()
 
 
 @pytest.mark.parametrize(

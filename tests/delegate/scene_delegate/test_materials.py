@@ -250,6 +250,30 @@ def test_a_texture_that_is_missing_and_has_no_fallback_is_grey(stage):
         assert mesh_at(engine, "/M").materials[0].diffuse == (0.18, 0.18, 0.18)
 
 
+def test_gloss_of_all_materials_is_one_note(stage):
+    """Oracle: three materials with gloss, of which the first one by path is named; fallbacks and
+    rougher surfaces have none, and other findings are not merged."""
+    inputs = {"roughness": 0.8, "clearcoat": 0.0}
+    for name, value in inputs.items():
+        shader(stage, "/Looks/Mat/Surface").CreateInput(name, Sdf.ValueTypeNames.Float).Set(value)
+    for letter in "CAB":
+        mesh = add_mesh(stage, f"/M{letter}", faces=1)
+        bind(mesh, add_material(stage, f"/Looks/{letter}"))
+    with Engine(stage) as engine:
+        assert engine.findings == ()
+        for letter in "CAB":
+            surface = shader(stage, f"/Looks/{letter}/Surface")
+            surface.CreateInput("roughness", Sdf.ValueTypeNames.Float).Set(0.25)
+            surface.CreateInput("metallic", Sdf.ValueTypeNames.Float).Set(1.0)
+        engine.sync()
+        codes = [(each.code, each.severity) for each in engine.findings]
+        assert codes.count(("unsupported-input", "warning")) == 3
+        assert codes.count(("diffuse-surfaces", "note")) == 1 and len(codes) == 4
+        (gloss,) = (each for each in engine.findings if each.code == "diffuse-surfaces")
+        assert (gloss.path, gloss.attribute) == ("/Looks/A/Surface", "inputs:roughness")
+        assert "found 0.25, expected 0.5" in gloss.message and "all surfaces" in gloss.message
+
+
 def test_a_texture_is_read_once_for_all_that_show_it(stage, picture):
     """Oracle: the identity of the pixels; another path brings others."""
     texture = add_texture(stage, "/Looks/Mat", picture)

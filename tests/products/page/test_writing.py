@@ -8,7 +8,7 @@ import zipfile
 from io import BytesIO
 
 import pytest
-from pxr import Usd, UsdGeom, UsdLux
+from pxr import Sdf, Usd, UsdGeom, UsdLux, UsdRender
 
 from tests.delegate.stages import random_cloud, two_fields
 from tests.products.page.pages import moving_stage, parsed, still_stage
@@ -164,6 +164,27 @@ def test_lights_are_noted(tmp_path):
         "the page has only splats, without 1 surface",
         "the page has the captured light, without 3 lights",
     )
+
+
+def test_lighting_that_the_stage_asks_for_is_a_finding(tmp_path):
+    """Oracle: the settings of the first product, and a collection of them; not those of others."""
+    stage = still_stage()
+    settings = UsdRender.Settings.Define(stage, "/Render/Settings")
+    paths = [f"/Render/{name}" for name in ("First", "Second")]
+    first, second = (UsdRender.Product.Define(stage, path).GetPrim() for path in paths)
+    settings.CreateProductsRel().SetTargets(paths)
+    token = Sdf.ValueTypeNames.Token
+    second.CreateAttribute("splat:lighting", token).Set("relit")
+    assert write_page(stage, tmp_path / "a.html").findings == ()
+    first.CreateAttribute("splat:lighting", token).Set("shadowed")
+    (found,) = write_page(stage, tmp_path / "b.html").findings
+    assert (found.code, found.path) == ("not-applied", "/Render/First")
+    assert found.found == "shadowed lighting"
+    first.GetAttribute("splat:lighting").Set("captured")
+    members = Usd.CollectionAPI.Apply(first, "lightRelit")
+    members.CreateIncludesRel().SetTargets(["/World/A"])
+    (found,) = write_page(stage, tmp_path / "c.html").findings
+    assert found.found == "relit lighting" and "usdsplat relight" in found.cure
 
 
 def test_a_simulation_is_noted_until_it_is_baked(tmp_path):

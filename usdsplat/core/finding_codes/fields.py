@@ -207,9 +207,10 @@ CODES: dict[str, Code] = {
     ),
     "not-applied": Code(
         "warning",
-        "a field that is written to a capture has a grade or a crop",
-        "apply the crop with --crop-box or --crop-sphere, and grade in another application; or "
-        "convert to a stage, which keeps both",
+        "a field that is written to a capture or a page has a grade, a crop or a light of its own, "
+        "or the picture that a page shows has shadows or is relit",
+        "apply the crop with --crop-box or --crop-sphere, grade in another application, and "
+        "relight with usdsplat relight; or convert to a stage, which keeps all",
         "it is not applied",
     ),
     "assumed-space": Code(

@@ -147,6 +147,12 @@ CODES: dict[str, Code] = {
         "add a light, or make one visible",
         "nothing casts shadows, and no light arrives",
     ),
+    "few-light-samples": Code(
+        "note",
+        "the samples of a distant light are more than 5 degrees apart",
+        "raise --light-samples to the number in the sentence, or make the angle smaller",
+        "its penumbra shows them as steps",
+    ),
     "estimated-light": Code(
         "note",
         "a field is relit whose photographs' light is not named",

@@ -95,6 +95,13 @@ CODES: dict[str, Code] = {
         "write the picture again without them",
         "they count as black",
     ),
+    "extreme-light": Code(
+        "warning",
+        "a light is so bright that what it lights passes the largest number of half pictures",
+        "correct its intensity and exposure; without normalize, a sun with angle 0.53 has an "
+        "intensity of about 50,000",
+        "colours of half pictures end at 65504, and other lights are lost beside it",
+    ),
     "crop-member": Code(
         "error",
         "a member of a crop collection cannot crop",
@@ -117,6 +124,13 @@ CODES: dict[str, Code] = {
         "an input of a light, a shader or a camera is not supported",
         "remove it; the effect of a shader can be baked into diffuseColor",
         "it has no effect",
+    ),
+    "diffuse-surfaces": Code(
+        "note",
+        "materials of the stage have a roughness below 0.5, a clearcoat or a normal map, of which "
+        "the first one is named",
+        "draw meshes with highlights in another renderer, and give its picture to --holdout",
+        "all surfaces are diffuse, without highlights and bumps",
     ),
     "unsupported-surface": Code(
         "warning",

@@ -39,7 +39,7 @@ from usdsplat.delegate.scene_delegate.skeletons import Skeletons
 from usdsplat.delegate.scene_delegate.stage_info import first_frame, read_stage_info
 from usdsplat.delegate.scene_delegate.textures import Textures
 from usdsplat.delegate.scene_delegate.trees import Chunks
-from usdsplat.delegate.scene_delegate.unsupported import findings_on_prims
+from usdsplat.delegate.scene_delegate.unsupported import findings_on_prims, in_order
 from usdsplat.delegate.scene_delegate.variability import varying_bits
 from usdsplat.delegate.stage_info import StageInfo
 from usdsplat.render.lights.specs import LightSpec
@@ -124,8 +124,7 @@ class UsdSceneDelegate:
             found += self._chunks.findings(path, prim, problems)
         found += findings_on_prims(self._population.others, self._code, self._purposes)
         found += unused_inputs(self._population.lights.values(), self._code)
-        once = {each.key: each for each in found}
-        return tuple(sorted(once.values(), key=lambda each: (each.path, each.message)))
+        return in_order(found)
 
     def set_time(self, time: float | None) -> None:
         """Set the time of the next update."""
@@ -281,7 +280,7 @@ class UsdSceneDelegate:
         if reader.has_other_sources:
             self._varying.pop(path, None)
         for each in reader.findings if spec else ():
-            if each.message not in self._said:
+            if each.severity != "note" and each.message not in self._said:
                 self._said.add(each.message)
                 LOG.warning("%s", each.message)
         return spec

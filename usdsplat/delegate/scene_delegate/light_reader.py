@@ -12,7 +12,7 @@ from usdsplat.core.findings import Finding
 from usdsplat.delegate.dirty_bits import DirtyBits
 from usdsplat.delegate.scene_delegate.domes import Skies
 from usdsplat.delegate.scene_delegate.light_groups import light_group_aov
-from usdsplat.delegate.scene_delegate.lights import read_light
+from usdsplat.delegate.scene_delegate.lights import finding_on_brightness, read_light
 from usdsplat.delegate.scene_delegate.population import Population
 from usdsplat.delegate.scene_delegate.unsupported import findings_on_light, is_dome
 from usdsplat.render.lights.specs import LightSpec
@@ -58,8 +58,12 @@ class LightReader:
         sky = None
         if is_dome(prim):
             sky, self.remarks = self._skies.read(prim, time)
-        group = light_group_aov(prim)
-        return replace(read_light(prim, time, cache, sky), is_on=is_on, group=group)
+        found = replace(
+            read_light(prim, time, cache, sky), is_on=is_on, group=light_group_aov(prim)
+        )
+        if bright := finding_on_brightness(str(prim.GetPath()), found):
+            self.remarks = (*self.remarks, bright)
+        return found
 
     def clear(self) -> None:
         """Forget the pictures of domes that were read."""

@@ -9,7 +9,9 @@ import numpy as np
 from pxr import Usd, UsdGeom, UsdLux
 
 from usdsplat.core.cloud import F64
+from usdsplat.core.encoding import HALF_MAX
 from usdsplat.core.errors import StageError
+from usdsplat.core.findings import Finding, finding
 from usdsplat.delegate.scene_delegate import collections
 from usdsplat.delegate.scene_delegate.domes import dome_to_world
 from usdsplat.delegate.scene_delegate.placing import column_matrix
@@ -34,9 +36,11 @@ KINDS: tuple[tuple[Any, LightKind, tuple[str, ...]], ...] = (
 )
 """Type of a light with an area, our kind, and the attributes with its size."""
 
-
-BRIGHTEST = 1e30
-"""Highest radiance of a dome, so that sums over its directions are finite."""
+BRIGHTEST = float(np.float32(1e30))
+"""Highest strength of a light, so that sums of lights are finite."""
+FARTHEST = 1e6
+"""Distance at which an area light may still light a white surface to the largest number of a half
+picture [scene unit]."""
 
 
 def read_light(
@@ -56,6 +60,31 @@ def read_light(
         if prim.IsA(schema):
             return _read_area(prim, time, cache, kind, names)
     return _read_distant(prim, time, cache)
+
+
+def finding_on_brightness(where: str, light: LightSpec) -> Finding | None:
+    """Return a finding on a light that is probably too bright by mistake, or None.
+
+    Distant lights and domes are compared with the largest number of a half picture, which a white
+    surface must not pass. How far surfaces are from other lights is not known here, so these are
+    compared at a distance of `FARTHEST`.
+    """
+    if light.kind == "distant":
+        level, most = max(light.irradiance), HALF_MAX
+        where_lit = "on a white surface that faces it"
+    elif light.sky is not None:
+        means = np.frombuffer(light.sky.grid, np.float32).reshape(-1, 3).mean(axis=0)
+        peaks = np.sum([each.irradiance for each in light.sky.peaks] or [(0, 0, 0)], axis=0)
+        level, most = float((np.array(light.radiance) * (means + peaks)).max()), HALF_MAX
+        where_lit = "on a white surface below it"
+    else:
+        linear = np.array(light.to_world).reshape(4, 4)[:3, :3]
+        surface = area(light.kind, light.size, linear) or 1.0
+        level, most = max(light.radiance) * surface / math.pi, HALF_MAX * FARTHEST**2
+        where_lit = "at a distance of 1"
+    if level <= most:
+        return None
+    return finding("extreme-light", where, f"light of {level:.3g} {where_lit}", f"at most {most:g}")
 
 
 def _read_distant(prim: Usd.Prim, time: Usd.TimeCode, cache: UsdGeom.XformCache) -> LightSpec:
@@ -106,7 +135,8 @@ def _read_area(
         elif surface == 0.0:
             strength = np.float64(0.0)
         radiance = strength * color
-    _check(prim, np.append(radiance, surface))
+    with np.errstate(all="ignore"):
+        _check(prim, np.append(radiance * (surface or 1.0), surface))
     as_point = prim.GetAttribute("treatAsPoint")
     return LightSpec(
         kind=kind,
@@ -130,10 +160,6 @@ def _read_dome(
     with np.errstate(all="ignore"):
         radiance = strength * color
     _check(prim, radiance)
-    if np.abs(radiance).max() > BRIGHTEST:
-        raise StageError(
-            str(prim.GetPath()), f"a radiance of {radiance.max():.3g}", f"at most {BRIGHTEST:g}"
-        )
     return LightSpec(
         kind="dome",
         to_world=tuple(dome_to_world(prim, cache).ravel().tolist()),
@@ -211,9 +237,12 @@ def _axis(prim: Usd.Prim, matrix: F64) -> Vector:
 
 
 def _check(prim: Usd.Prim, found: F64) -> None:
+    where = str(prim.GetPath())
     if not np.isfinite(found).all():
-        found_text = "a light with a strength that is not finite"
-        raise StageError(str(prim.GetPath()), found_text, "finite numbers")
+        raise StageError(where, "a light with a strength that is not finite", "finite numbers")
+    if np.abs(found).max() > BRIGHTEST:
+        found_text = f"a light with a strength of {np.abs(found).max():.3g}"
+        raise StageError(where, found_text, f"at most {BRIGHTEST:g}")
 
 
 def _vector(numbers: F64) -> Vector:

@@ -21,6 +21,7 @@ from usdsplat.delegate.scene_delegate.readings import Sources
 from usdsplat.delegate.scene_delegate.textures import Color, Textures
 from usdsplat.delegate.scene_delegate.unsupported import (
     FALLBACKS,
+    GLOSS,
     finding_on_input,
     finding_on_surface,
     findings_on_names,
@@ -129,7 +130,7 @@ class MaterialReader:
 
     def _note_inputs(self, shader: Usd.Prim) -> None:
         """Add a finding for each input of a surface that is ignored."""
-        for name in FALLBACKS:
+        for name in (*FALLBACKS, *GLOSS):
             attribute = shader.GetAttribute(f"inputs:{name}")
             if attribute and (attribute.HasAuthoredValue() or attribute.HasAuthoredConnections()):
                 source = self._producer(attribute)

@@ -1,8 +1,8 @@
 """Find prims that ask for something that is not drawn: other lights, curves, unknown types.
 
 Inputs of lights and of shaders that have no effect are findings too, if they would change
-brightness, hue or coverage. Roughness, index of refraction, clearcoat and normals are no findings:
-surfaces are diffuse, so every asset would have some.
+brightness, hue or coverage. Surfaces are diffuse, so nearly every material has a roughness or a
+normal map without effect: these and clearcoats are one finding of the whole stage.
 """
 
 from __future__ import annotations
@@ -58,6 +58,21 @@ Source: the UsdPreviewSurface specification.
 
 FALLBACKS = {name: fallback for name, fallback in _SURFACE.items() if fallback is not None}
 """Unsupported input of UsdPreviewSurface -> its fallback, with which it has no effect."""
+
+GLOSS = {"roughness": 0.5, "clearcoat": 0.0, "normal": (0.0, 0.0, 1.0)}
+"""Input of highlights and bumps -> its fallback, as which it says nothing about the material. So
+does a higher roughness."""
+DIFFUSE = "diffuse-surfaces"
+"""Code of the finding on these inputs."""
+
+CURES = {
+    "inputs:shaping:ies:file": "clear it, and shape the beam with inputs:shaping:cone:angle, "
+    "inputs:shaping:cone:softness and inputs:shaping:focus",
+    "inputs:texture:file": "clear it, and give the light the mean colour of the picture",
+    "light:filters": "clear it; lightLink and shadowLink say what a light reaches and what casts "
+    "its shadows",
+}
+"""Property of a light that has no effect -> what to do instead."""
 
 INPUTS = {
     "UsdPreviewSurface": tuple(_SURFACE),
@@ -118,14 +133,16 @@ def findings_on_light(prim: Usd.Prim) -> Iterator[Finding]:
     relationship = prim.GetRelationship("light:filters")
     if relationship and relationship.HasAuthoredTargets() and relationship.GetTargets():
         found, where = ", ".join(map(str, relationship.GetTargets())), relationship.GetPath()
-        yield finding("unsupported-input", str(where), found, "no targets")
+        cure = CURES["light:filters"]
+        yield finding("unsupported-input", str(where), found, "no targets", cure=cure)
     for name in ("inputs:texture:file", "inputs:shaping:ies:file"):
         attribute = prim.GetAttribute(name)
         if name == "inputs:texture:file" and is_dome(prim):
             continue
         value = attribute.Get() if attribute else None
         if value is not None and str(value.path):
-            yield finding("unsupported-input", str(attribute.GetPath()), value.path, "no file")
+            where, cure = str(attribute.GetPath()), CURES[name]
+            yield finding("unsupported-input", where, value.path, "no file", cure=cure)
     yield from _names_of_light(prim)
 
 
@@ -161,15 +178,25 @@ def finding_on_input(shader: Usd.Prim, name: str, found: Any) -> Finding | None:
 
     Args:
         shader: The shader.
-        name: Key of `FALLBACKS`.
+        name: Key of `FALLBACKS` or of `GLOSS`.
         found: Value of the input; None if another shader computes it.
     """
-    fallback = FALLBACKS[name]
-    if found is not None and _plain(found) == fallback:
+    fallback = GLOSS[name] if name in GLOSS else FALLBACKS[name]
+    is_matt = name == "roughness" and found is not None and found >= fallback
+    if is_matt or (found is not None and _plain(found) == fallback):
         return None
     said = "a connection" if found is None else _text(found)
     where = f"{shader.GetPath()}.inputs:{name}"
-    return finding("unsupported-input", where, said, f"{_text(fallback)}, the fallback")
+    code = DIFFUSE if name in GLOSS else "unsupported-input"
+    return finding(code, where, said, f"{_text(fallback)}, the fallback")
+
+
+def in_order(found: Iterable[Finding]) -> tuple[Finding, ...]:
+    """Return findings by path, each once, and of those on gloss the first one."""
+    once = {each.key: each for each in found}
+    every = sorted(once.values(), key=lambda each: (each.path, each.message))
+    first = next((each for each in every if each.code == DIFFUSE), None)
+    return tuple(each for each in every if each.code != DIFFUSE or each is first)
 
 
 def findings_on_names(shader: Usd.Prim, kind: str) -> Iterator[Finding]:
