@@ -136,8 +136,8 @@ STRIPS = {
         capture="statue_trumpet.sog", preset="shatter", frames=(1, 8, 12, 17, 34), turn=205
     ),
     "conform": Strip(
-        capture="pod.spz", preset="conform", goal=FIGURE, frames=(1, 28, 42, 58, 80), height=2.1,
-        raised=0.3, turn=80,
+        capture="guitar.compressed.ply", preset="conform", goal=FIGURE,
+        frames=(1, 28, 42, 58, 80), height=1.85, raised=0.24, turn=80,
     ),
     "morph": Strip(
         capture="statue_trumpet.sog", preset="morph", goal="statue_massa.sog",
