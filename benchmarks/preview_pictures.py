@@ -143,7 +143,8 @@ def web(path: Path) -> np.ndarray:
         page.mouse.move(middle[0] + ORBIT[0] * box["height"], middle[1] + ORBIT[1] * box["height"])
         page.mouse.up()
         page.mouse.wheel(0, 100)
-        page.wait_for_timeout(3000)  # for the final picture
+        page.wait_for_timeout(3000)  # until the last movement has begun to be drawn
+        page.locator("#speed", has_text="full").wait_for()
         shot = page.screenshot()
         chromium.close()
     server.close()
