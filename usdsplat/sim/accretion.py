@@ -260,7 +260,7 @@ class Accretion:
         flat, rising = rows[~high], rows[high]
         self._place_discs(state, flat, on, knobs, now, colors)
         state.rest_scales[flat, :2] *= np.float32(CLOSED)
-        state.rest_opacities[flat] *= self._motif.crust[on.carrier[flat]]
+        state.rest_opacities[flat] *= np.minimum(4 * self._motif.crust[on.carrier[flat]], 1)
         strength = np.full(len(rows), CRUST_TINT, np.float32)
         spacing, d = np.float32(self._carriers.spacing), len(rising)
         at = self._motif.placed(

@@ -18,7 +18,7 @@ GOLDEN = 2.399963229728653
 """Angle [rad] by which successive points around a line are evenly spaced: the golden one."""
 THINNER = 0.9
 """Radius of a side branch, relative to that of the branch that it leaves, there."""
-THINNEST = 0.03
+THINNEST = 0.026
 """Least radius of a side branch, relative to the longest finger."""
 FIRST, LAST = 0.25, 0.85
 """Part of a branch on which others leave it."""
@@ -136,7 +136,7 @@ def sides(device: Device, of: Branches, order: Order, up: F32, seed: int) -> Bra
         away = np.cos(turn) * x + np.sin(turn) * y
         axes = unit(np.cos(order.angle) * along + np.sin(order.angle) * away)
         toward = aside(unit(along + UPWARD * up), axes)
-        lengths = own.lengths * (1.05 - 0.75 * u) * (0.55 + 0.35 * chance[2][j, rows])
+        lengths = own.lengths * (1.1 - 0.7 * u) * (0.6 + 0.35 * chance[2][j, rows])
         made.append(
             Branches(
                 site=own.site, colony=own.colony, roots=own.roots, offsets=points, axes=axes,

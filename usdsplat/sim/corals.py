@@ -20,22 +20,22 @@ from usdsplat.sim.needles import ranked
 
 GROUP = 4.2
 """Distance of the middles of colonies, in distances of fingers."""
-GROWING = 1.1
+GROWING = 0.95
 """Time in which a finger grows [s]."""
-CRUST, CRUSTING = 0.06, 0.4
+CRUST, CRUSTING = 0.06, 0.6
 """Greatest height of the crust below the fingers, relative to the longest finger, and time in which
 it rises [s]."""
 LEAN, STRAY, UPWARD = 0.85, 0.30, 0.95
 """How far fingers lean away from the middle of their colony, at random, and upwards."""
 BEND = 0.45
 """How far fingers bend upwards."""
-SLIM = 0.066
+SLIM = 0.056
 """Radius of the longest finger, relative to its length."""
 REACH = 0.6
 """Distance from the middle of a colony at which it ends, relative to that of the middles."""
 LEAST = 0.36
 """Length of a finger far from the middle of its colony, relative to the longest."""
-ALONE = (0.85, 0.4)
+ALONE = (0.95, 0.35)
 """Distance from the middle of a colony, relative to that one, from which fingers are missing, and
 what part of them."""
 FLARE = 0.6
@@ -137,7 +137,7 @@ class Corals:
             age = np.clip((now - arrival) / CRUSTING, 0, 1)
         self.crust = f32(np.where(np.isfinite(arrival), age, 0))
         rise = CRUST * (0.4 + 0.6 * self._bumps) * self.crust
-        tone = 0.42 + 0.25 * self._bumps + 0.25 * self._grain**2
+        tone = 0.5 + 0.25 * self._bumps + 0.2 * self._grain**2
         return Look(
             rise=f32(rise), tone=f32(tone), piece=self._colony, begun=(first <= now)[self._colony]
         )
@@ -188,15 +188,15 @@ class Corals:
         points += (RAISED * polyp * wide * level)[:, None] * normals
         high = np.sqrt((points**2).sum(axis=1))
         pale = np.clip(1 - left / np.maximum(np.minimum(PALE, 0.4 * own.lengths), 1e-9), 0, 1)
-        pale *= np.clip(own.lengths / 0.2, 0.3, 1)
+        white = pale * np.clip(own.lengths / 0.3, 0.3, 1)
         tone = 0.12 + 0.5 * np.clip(high / 0.8, 0, 1) + 0.12 * polyp
         spread = np.minimum(slots.spread[slot] * (1 - 0.45 * polyp), 1.1 * wide * (1 - TAPER))
         return Places(
             positions=f32(own.roots + full * points),
             normals=f32(normals),
-            tones=f32(tone + (1 - tone) * pale),
-            tint=f32(1 - 0.85 * pale),
-            open=f32(np.clip(high / DEEP, 0, 1)),
+            tones=f32(tone + (1 - tone) * white),
+            tint=f32(1 - 0.85 * white),
+            open=f32(np.clip(high / DEEP + pale, 0, 1)),
             spread=f32(np.where(grown > 0, full * spread, 0)),
         )
 

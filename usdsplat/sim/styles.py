@@ -40,9 +40,9 @@ STYLES: dict[str, Style] = {
     "coral": Style(
         feed=0.0545, kill=0.062,
         knobs={
-            "motif": "corals", "motif_size": 8.0, "relief": 28.0, "layers": 8, "size": 0.62,
+            "motif": "corals", "motif_size": 7.2, "relief": 27.0, "layers": 8, "size": 0.62,
             "thickness": 0.08, "opacity": 0.97, "jitter": 0.2, "tilt": 14.0, "variation": 0.2,
-            "rise": 0.15, "occlusion": 0.7, "shade": 0.62, "gloss": 0.06,
+            "rise": 0.15, "occlusion": 0.65, "shade": 0.52, "gloss": 0.06,
             "ramp": (
                 (0.50, 0.10, 0.08), (0.86, 0.24, 0.17), (0.98, 0.40, 0.30), (1.0, 0.60, 0.48),
                 (1.2, 1.10, 1.0),
