@@ -137,7 +137,7 @@ class Corals:
             age = np.clip((now - arrival) / CRUSTING, 0, 1)
         self.crust = f32(np.where(np.isfinite(arrival), age, 0))
         rise = CRUST * (0.4 + 0.6 * self._bumps) * self.crust
-        tone = 0.5 + 0.25 * self._bumps + 0.2 * self._grain**2
+        tone = 0.6 + 0.2 * self._bumps + 0.15 * self._grain**2
         return Look(
             rise=f32(rise), tone=f32(tone), piece=self._colony, begun=(first <= now)[self._colony]
         )
