@@ -116,7 +116,10 @@ def standing(stage: Usd.Stage) -> None:
 GROWING = {"preset": "grow", "frames": (1, 14, 24, 34, 48)}
 STRIPS = {
     "cells": Strip(capture="statue_trumpet.sog", options={"style": "cells"}, turn=205, **GROWING),
-    "coral": Strip(capture="statue_massa.sog", options={"style": "coral"}, turn=205, **GROWING),
+    "coral": Strip(
+        capture="statue_massa.sog", options={"style": "coral"}, turn=205, height=1.3, raised=0.12,
+        **{**GROWING, "frames": (1, 12, 18, 26, 48)},
+    ),
     "veins": Strip(capture="pod.spz", options={"style": "veins"}, **GROWING),
     "moss": Strip(
         capture="guitar.compressed.ply", options={"style": "moss"}, turn=75,

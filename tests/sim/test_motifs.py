@@ -8,6 +8,7 @@ import pytest
 from tests.sim.recipes import ball
 from usdsplat.kernels.devices import open_device
 from usdsplat.sim.carriers import Carriers
+from usdsplat.sim.corals import Corals
 from usdsplat.sim.motifs import Cells, Plates, sites_of
 from usdsplat.sim.needles import Needles
 from usdsplat.sim.vein_tree import Veins
@@ -44,7 +45,7 @@ def test_sites_are_evenly_spaced(device, carriers) -> None:
     assert far.max() < SIZE * SPACING
 
 
-@pytest.mark.parametrize("motif", [Cells, Plates, Needles, Veins])
+@pytest.mark.parametrize("motif", [Cells, Plates, Needles, Veins, Corals])
 def test_matter_begins_behind_the_front_and_never_goes_back(
     motif, device, carriers, arrival
 ) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from usdsplat.kernels.sim import accretion as kernels
 from usdsplat.kernels.sim import needles as prisms
 from usdsplat.kernels.sim import tubes
 from usdsplat.sim.carriers import NEAR, NEAREST, WEIGHTS, Carriers
+from usdsplat.sim.corals import Corals
 from usdsplat.sim.front import ARRIVAL
 from usdsplat.sim.motifs import Cells, Look, Motif, Plates, drawn
 from usdsplat.sim.needles import Needles
@@ -33,6 +35,7 @@ GROWN = "accretion:grown"
 """In `State.globals`: 1 for carriers whose matter has begun, shape (c,)."""
 MOTIFS: dict[str, Callable[[Device, Carriers, float, int], Motif]] = {
     "cells": Cells, "veins": Veins, "plates": Plates, "needles": Needles,
+    "corals": Corals,
 }  # fmt: skip
 MOTIF_SEED = 7000
 """Added to the seed of the simulation."""
@@ -49,8 +52,25 @@ LIFT = 0.9
 """Least height of a motif's matter, in distances of carriers: captured splats do not cover it."""
 FULL_V = 2.5
 """Factor of v that gives its place on the ramp."""
+CLOSED, CRUST_TINT = 1.3, 0.5
+"""Factor of the size of a crust's discs, of which there is one for each carrier, and strength of
+its tint."""
 BEGIN = 1.15
 """Matter of a carrier begins where v exceeds `low` by this factor: lower, nothing can be seen."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class _Ground:
+    """What discs lie on: see the arguments of the kernel `discs`."""
+
+    carrier: I32
+    layer: I32
+    places: F32
+    normals: F32
+    values: F32
+    heights: F32
+    facing: F32
+    over: F32
 
 
 class Accretion:
@@ -108,7 +128,8 @@ class Accretion:
         """
         grown = state.globals[GROWN]
         if _has_motif(state, knobs):
-            there = self._look_at(state, knobs, now).rise > 0
+            look = self._look_at(state, knobs, now)
+            there = look.rise > 0 if look.begun is None else look.begun
         else:
             there = uv[:, 1] > BEGIN * knobs.low
         starts = there & (grown == 0) & (self._allowed(knobs) > 0)
@@ -128,6 +149,8 @@ class Accretion:
         memory = state.memory
         memory[CARRIER][first:] = carriers
         memory[LAYER][first:] = np.arange(len(carriers)) % knobs.layers
+        if isinstance(self._motif, Corals):  # a branch moves with its root
+            carriers = self._motif.roots(carriers, memory[LAYER][first:] - 1)
         memory[NEAR][first:] = np.pad(
             carriers[:, None].astype(np.int32), ((0, 0), (0, NEAREST - 1)), constant_values=-1
         )
@@ -148,6 +171,7 @@ class Accretion:
         device, run, c = self._device, self._device.run, self._carriers
         spacing, f = c.spacing, np.float32
         look: Look | None = None
+        strength: F32 | None = None
         if not _has_motif(state, knobs):
             values, heights = self._raised(uv, knobs)
         else:
@@ -173,16 +197,18 @@ class Accretion:
         elif isinstance(self._motif, Veins):
             self._place_veins(state, rows, knobs, colors)
         else:
-            run(
-                kernels.discs, rows, state.memory[CARRIER], state.memory[LAYER], knobs.layers,
-                state.ids, state.births, f(seconds), self._seed, _numbers(knobs, spacing),
-                RAMPS[knobs.ramp_by], _ramp(knobs), self._light, c.positions, c.normals, values,
-                heights, facing, over, state.rest_positions, state.rest_rotations,
-                state.rest_scales, state.rest_opacities, colors,
+            on = _Ground(
+                carrier=state.memory[CARRIER], layer=state.memory[LAYER], places=c.positions,
+                normals=c.normals, values=values, heights=heights, facing=facing, over=over,
             )  # fmt: skip
+            if isinstance(self._motif, Corals):
+                strength = self._place_corals(state, rows, on, knobs, seconds, colors)
+            else:
+                self._place_discs(state, rows, on, knobs, seconds, colors)
         if look is not None and knobs.tints:
             piece = look.piece[state.memory[CARRIER][rows]]
-            colors[rows] *= self._tints(knobs, int(look.piece.max()) + 1)[piece]
+            tints = self._tints(knobs, int(look.piece.max()) + 1)[piece]
+            colors[rows] *= tints if strength is None else 1 + strength[:, None] * (tints - 1)
         state.rest_sh[rows] = 0
         state.rest_sh[rows, 0] = rgb_to_dc(colors[rows])
         # where nothing deforms splats, nothing else computes these; frames hold the old arrays
@@ -209,6 +235,52 @@ class Accretion:
             f(knobs.relief * c.spacing), PROFILES[knobs.profile], heights,
         )  # fmt: skip
         return values * f(FULL_V), heights
+
+    def _place_discs(
+        self, state: State, rows: I64, on: _Ground, knobs: AccretionParameters, now: float,
+        colors: F32,
+    ) -> None:  # fmt: skip
+        """Compute the rest values of discs on a raised surface."""
+        self._device.run(
+            kernels.discs, rows, on.carrier, on.layer, knobs.layers, state.ids, state.births,
+            np.float32(now), self._seed, _numbers(knobs, self._carriers.spacing),
+            RAMPS[knobs.ramp_by], _ramp(knobs), self._light, on.places, on.normals, on.values,
+            on.heights, on.facing, on.over, state.rest_positions, state.rest_rotations,
+            state.rest_scales, state.rest_opacities, colors,
+        )  # fmt: skip
+
+    def _place_corals(
+        self, state: State, rows: I64, on: _Ground, knobs: AccretionParameters, now: float,
+        colors: F32,
+    ) -> F32:  # fmt: skip
+        """Compute the rest values of a crust and of the branches on it, at the time of the last
+        look. Return the strength of the tint of each row, shape (d,)."""
+        assert isinstance(self._motif, Corals)
+        high = on.layer[rows] > 0
+        flat, rising = rows[~high], rows[high]
+        self._place_discs(state, flat, on, knobs, now, colors)
+        state.rest_scales[flat, :2] *= np.float32(CLOSED)
+        state.rest_opacities[flat] *= np.minimum(4 * self._motif.crust[on.carrier[flat]], 1)
+        strength = np.full(len(rows), CRUST_TINT, np.float32)
+        spacing, d = np.float32(self._carriers.spacing), len(rising)
+        at = self._motif.placed(
+            on.carrier[rising], on.layer[rising] - 1, knobs.relief * float(spacing),
+            state.globals[ARRIVAL], now,
+        )  # fmt: skip
+        number = np.full(len(state), -1, np.int32)
+        number[rising] = np.arange(d, dtype=np.int32)
+        surface = _Ground(
+            carrier=number, layer=np.zeros(len(state), np.int32), places=at.positions,
+            normals=at.normals, values=at.tones, heights=np.zeros(d, np.float32),
+            facing=at.normals, over=kernels.VALLEY * spacing * (2 * at.open - 1),
+        )  # fmt: skip
+        self._place_discs(state, rising, surface, knobs, now, colors)
+        thin = np.float32(knobs.thickness) * spacing
+        state.rest_scales[rising, :2] *= at.spread[:, None] / spacing
+        state.rest_scales[rising] = np.maximum(state.rest_scales[rising], thin)
+        state.rest_opacities[rising[at.spread <= 0]] = 0
+        strength[high] = at.tint
+        return strength
 
     def _place_needles(
         self, state: State, rows: I64, knobs: AccretionParameters, now: float, colors: F32
@@ -257,6 +329,8 @@ class Accretion:
             self._motif = MOTIFS[knobs.motif](self._device, self._carriers, knobs.motif_size, seed)
             if isinstance(self._motif, Needles):
                 self._motif.keep_to(self._allowed(knobs))
+            if isinstance(self._motif, Corals):
+                self._motif.keep_to(self._allowed(knobs), knobs.layers - 1, self._up)
         return self._motif.at(state.globals[ARRIVAL], now)
 
     def _tints(self, knobs: AccretionParameters, count: int) -> F32:

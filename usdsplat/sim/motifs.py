@@ -1,8 +1,8 @@
 """Motifs of growth: the shape of new matter over a field's carriers, behind the front.
 
 A motif divides the surface around sites, which are evenly spaced, and says for each carrier how
-high matter stands there, once the front has arrived: packed cells, plates with lobed margins, or
-groups of needles. The motif of veins is in `vein_tree`.
+high matter stands there, once the front has arrived: packed cells, or plates with lobed margins.
+The motifs of needles, veins and corals are in `needles`, `vein_tree` and `corals`.
 """
 
 from __future__ import annotations
@@ -38,7 +38,9 @@ class Look:
     tone: F32
     """Place on the ramp of colours, 0 to 1, shape (c,)."""
     piece: I32
-    """Number of the cell, plate, needle or vein, shape (c,)."""
+    """Number of the cell, plate, needle, vein or colony, shape (c,)."""
+    begun: npt.NDArray[np.bool_] | None = None
+    """Where splats of matter exist, shape (c,); None for where it has risen."""
 
 
 class Motif(Protocol):

@@ -65,7 +65,7 @@ class Needles:
         k = len(sites)
         self._sites = sites
         site = nearest(device, places[sites], places, 1)[0][:, 0]
-        rank, count = _ranked(site.astype(np.int64), np.ones(len(site), np.bool_), k)
+        rank, count = ranked(site.astype(np.int64), np.ones(len(site), np.bool_), k)
         middles = places[sites_of(device, carriers, GROUP * size, seed + 1)]
         near, apart = nearest(device, middles, places[sites], 1)
         reach = 0.5 * GROUP * size * carriers.spacing
@@ -105,7 +105,7 @@ class Needles:
             allowed: Factor of the height of each carrier, shape (c,).
         """
         p = self.prisms
-        rank, count = _ranked(p.site.astype(np.int64), allowed > 0, len(p.count))
+        rank, count = ranked(p.site.astype(np.int64), allowed > 0, len(p.count))
         part = allowed[self._sites]
         self.prisms = replace(
             p, rank=rank, count=count, lengths=p.lengths * part, radii=p.radii * np.sqrt(part)
@@ -125,7 +125,7 @@ class Needles:
         return Look(rise=_f32(rise), tone=_f32(0.5 * grown), piece=self.prisms.group)
 
 
-def _ranked(site: I64, kept: npt.NDArray[np.bool_], k: int) -> tuple[I32, I32]:
+def ranked(site: I64, kept: npt.NDArray[np.bool_], k: int) -> tuple[I32, I32]:
     """Number the kept carriers of each needle.
 
     Returns:

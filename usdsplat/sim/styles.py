@@ -36,12 +36,20 @@ STYLES: dict[str, Style] = {
             "occlusion": 0.35, "shade": 0.55, "variation": 0.06, "gloss": 0.35, "jitter": 0.2,
         },
     ),
-    # thick branches with light tips
+    # colonies of fingers that branch, with pale tips
     "coral": Style(
         feed=0.0545, kill=0.062,
         knobs={
-            "relief": 3.8, "profile": "dome", "layers": 5, "ramp_by": "curvature",
-            "ramp": ((0.20, 0.03, 0.04), (0.62, 0.10, 0.08), (0.98, 0.52, 0.38)),
+            "motif": "corals", "motif_size": 7.2, "relief": 27.0, "layers": 8, "size": 0.62,
+            "thickness": 0.08, "opacity": 0.97, "jitter": 0.2, "tilt": 14.0, "variation": 0.2,
+            "rise": 0.15, "occlusion": 0.65, "shade": 0.52, "gloss": 0.06,
+            "ramp": (
+                (0.50, 0.10, 0.08), (0.86, 0.24, 0.17), (0.98, 0.40, 0.30), (1.0, 0.60, 0.48),
+                (1.2, 1.10, 1.0),
+            ),
+            "tints": (
+                (1.0, 1.0, 1.0), (1.02, 1.22, 0.85), (0.98, 0.82, 1.25), (1.0, 0.8, 0.85),
+            ),
         },
     ),
     # thin raised lines

@@ -18,8 +18,8 @@ from usdsplat.sim.stage.simulation import Simulation
 from usdsplat.sim.state import Frame
 
 CASES = (
-    "grow", "grow crystals", "grow veins", "push", "push rubber", "push stone", "wade", "shatter",
-    "morph", "dissolve",
+    "grow", "grow moss", "grow crystals", "grow veins", "push", "push rubber", "push stone",
+    "wade", "shatter", "morph", "dissolve",
 )  # fmt: skip
 COUNT = 1_000
 FRAMES = 32

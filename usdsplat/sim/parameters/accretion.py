@@ -22,21 +22,25 @@ class AccretionParameters:
         "light and maxLayers",
         uniform=True,
     )
-    motif: Literal["pattern", "cells", "veins", "plates", "needles"] = knob(
+    motif: Literal["pattern", "cells", "veins", "plates", "needles", "corals"] = knob(
         "pattern",
         "what shapes new matter behind the front: the pattern itself, packed cells, branching "
-        "tubes, lobed plates, or groups of needles; all but the first ignore low, high and profile "
-        "where a front spreads",
+        "tubes, lobed plates, groups of needles, or colonies of branching fingers on a crust; all "
+        "but the first ignore low, high and profile where a front spreads",
         uniform=True,
     )
     motif_size: float = knob(
-        10.0, "distance of cells, ends of veins, plates or needles, in distances of carriers",
+        10.0,
+        "distance of cells, ends of veins, plates, needles or fingers, in distances of carriers",
         range=(2.0, 1000.0), uniform=True,
     )  # fmt: skip
     low: float = knob(0.08, "v at which matter begins to rise", range=(0.0, 1.0))
     high: float = knob(0.28, "v at which it is raised fully", range=(0.0, 1.0))
     relief: float = knob(
-        3.5, "height of fully raised matter, in distances of carriers", range=(0.0, 100.0)
+        3.5,
+        "height of fully raised matter, or length of the longest needle or finger, in "
+        "distances of carriers",
+        range=(0.0, 100.0),
     )
     profile: Literal["dome", "ridge", "plate", "thorn"] = knob(
         "dome", "shape of a rise: round, sharp, flat on top, or a point"
@@ -77,8 +81,8 @@ class AccretionParameters:
     )
     tints: tuple[tuple[float, float, float], ...] = knob(
         (),
-        "colours of which one is drawn for each cell, plate or needle, and multiplies the ramp's; "
-        "without any, all have the ramp's",
+        "colours of which one is drawn for each cell, plate, needle or colony, and multiplies the "
+        "ramp's; without any, all have the ramp's",
         usd_type="color3f[]",
     )
     shade: float = knob(
