@@ -127,6 +127,16 @@ def test_the_set_s_hdri_on_the_command_line_is_that_of_a_named_dome(run_json, sh
     np.testing.assert_array_equal(a, b)
 
 
+def test_a_prim_without_a_field_is_refused(run, shot, tmp_path):
+    """Oracle: one sentence with the path and the fields, also beside a right path; nothing is
+    written."""
+    for paths in (["/World/Bal"], [FIELD, "/World/Bal"]):
+        words = [word for path in paths for word in ("--prim", path)]
+        status, _, err = run("relight", shot(), "-o", tmp_path / "a.usda", *words, *FAST)
+        assert status == 2 and f"--prim: found /World/Bal, expected a field: {FIELD}" in err
+        assert not (tmp_path / "a.usda").exists()
+
+
 @pytest.mark.parametrize("target", ["/World/Gone", "/World/Cam", "/World/Set"])
 def test_the_hdri_is_used_where_no_named_prim_is_a_light(run_json, shot, tmp_path, target):
     """Oracle: the colours of a field that names nothing; a dome that is named counts."""
@@ -273,7 +283,7 @@ def test_buffers_of_a_sample_do_not_wait_for_garbage_to_be_collected(run_json, s
     ("words", "sentence"),
     [
         (("-o", "relit.usdz"), "a .usda, .usdc or .usd layer"),
-        (("-o", "relit.usda", "--prim", "/World/Cam"), "a visible splat field"),
+        (("-o", "relit.usda", "--prim", "/World/Cam"), "expected a field: /World/Ball"),
         (("-o", "relit.usda", "--captured-hdri", "none.exr"), "--captured-hdri: found "),
         (("-o", "relit.usda", "--captured-hdri", "in/shot.usda"), "--captured-hdri: found "),
     ],

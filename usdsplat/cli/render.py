@@ -36,7 +36,7 @@ notes:
   So does a productName whose time samples differ. A shell needs quotes around '$F4' and '<F4>',
   which may also be in the names of folders.
   If the stage has several products, -o renders the first one; --product selects another.
-  If the stage has no camera, a static camera shows the splats of the first, middle and last
+  If the stage has no camera, a static camera shows what is drawn at the first, middle and last
   frame. For a sequence that is rendered in several runs, use --camera.
 """
 

@@ -83,7 +83,7 @@ class Relighting:
             not relit.
 
     Raises:
-        StageError: If there is no field to relight.
+        StageError: If there is no field to relight, or none at or below one of `request.prims`.
         StrictError: If findings are strict, and there are some.
     """
 
@@ -349,17 +349,21 @@ def _merged(a: FieldRelight, b: FieldRelight) -> FieldRelight:
 
 def _wanted(stage: Usd.Stage, prims: tuple[str, ...], findings: Findings) -> list[str]:
     """Return the paths of the fields to relight; others that were asked for are findings."""
-    found = []
+    found, paths = [], []
     for prim in stage.Traverse(Usd.TraverseInstanceProxies()):
         path = str(prim.GetPath())
         if not (schema.is_splat_field(prim) or schema.is_tree(prim)):
             continue
+        paths.append(path)
         if prims and not any(_is_beneath(path, each) for each in prims):
             continue
         if schema.is_tree(prim) or prim.IsInstanceProxy():
             findings.add(_why_not(prim))
         else:
             found.append(path)
+    for each in prims:
+        if not any(_is_beneath(path, each) for path in paths):
+            raise StageError("--prim", each, f"a field: {', '.join(paths) or 'none'}")
     if not found:
         raise StageError("fields", "none that can be relit", "a visible splat field")
     return found
