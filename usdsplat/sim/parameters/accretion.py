@@ -66,7 +66,7 @@ class AccretionParameters:
     )
     upward: float = knob(
         0.0, "how far matter avoids surfaces that face down: 0 grows everywhere, 1 on top only",
-        range=(0.0, 1.0),
+        range=(0.0, 1.0), uniform=True,
     )  # fmt: skip
     ramp_by: Literal["v", "height", "age", "curvature"] = knob(
         "v",
