@@ -157,9 +157,10 @@ def few_light_samples(scene: RenderScene, settings: RenderSettings) -> Iterator[
         angle = min(light.angle, math.pi)
         least = math.ceil((angle / COARSE) ** 2)
         if light.kind == "distant" and light.shadow.enable and settings.light_samples < least:
-            samples = counted(settings.light_samples, "sample")
-            found = f"{samples} of {math.degrees(angle):g} degrees"
-            yield finding("few-light-samples", path, found, f"{least} or more")
+            # the angle is not part of what was found, which is said once for all frames
+            found = counted(settings.light_samples, "sample")
+            expected = f"{least} or more for {math.degrees(angle):g} degrees"
+            yield finding("few-light-samples", path, found, expected)
 
 
 def _split_lighting(scene: RenderScene, plan: PicturePlan) -> Iterator[Finding]:

@@ -84,7 +84,9 @@ def finding_on_brightness(where: str, light: LightSpec) -> Finding | None:
         where_lit = "at a distance of 1"
     if level <= most:
         return None
-    return finding("extreme-light", where, f"light of {level:.3g} {where_lit}", f"at most {most:g}")
+    # the amount is not part of what was found, which is said once for all frames
+    found, expected = f"too much light {where_lit}", f"at most {most:g}, not {level:.3g}"
+    return finding("extreme-light", where, found, expected)
 
 
 def _read_distant(prim: Usd.Prim, time: Usd.TimeCode, cache: UsdGeom.XformCache) -> LightSpec:

@@ -64,7 +64,7 @@ GLOSS = {"roughness": 0.5, "clearcoat": 0.0, "normal": (0.0, 0.0, 1.0)}
 """Input of highlights and bumps -> its fallback, as which it says nothing about the material. So
 does a higher roughness."""
 DIFFUSE = "diffuse-surfaces"
-"""Code of the finding on these inputs."""
+"""Code of the finding on these inputs, which a stage has once."""
 MOST_NUMBERS = 4
 """Count of the numbers of an array that a sentence has."""
 
@@ -199,11 +199,11 @@ def finding_on_input(shader: Usd.Prim, name: str, found: Any) -> Finding | None:
 
 
 def in_order(found: Iterable[Finding]) -> tuple[Finding, ...]:
-    """Return findings by path, each once, and of those on gloss the first one."""
-    once = {each.key: each for each in found}
-    every = sorted(once.values(), key=lambda each: (each.path, each.message))
-    first = next((each for each in every if each.code == DIFFUSE), None)
-    return tuple(each for each in every if each.code != DIFFUSE or each is first)
+    """Return findings by path, each once; of those with a common key the first one."""
+    once: dict[tuple[str, ...], Finding] = {}
+    for each in sorted(found, key=lambda each: (each.path, each.message)):
+        once.setdefault(each.key, each)
+    return tuple(once.values())
 
 
 def findings_on_names(shader: Usd.Prim, kind: str) -> Iterator[Finding]:
