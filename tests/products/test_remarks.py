@@ -112,7 +112,7 @@ def test_a_light_of_photographs_inside_an_instance_is_a_finding(run, tmp_path):
 
 def test_few_samples_of_a_wide_light_are_a_note(run, shot, tmp_path):
     """Oracle: 16 samples of 40 degrees, (40 / 5)² = 64 at 5 degrees; none where there are enough,
-    where the light casts no shadows, or where the picture has none."""
+    where the light is dark or casts no shadows, or where the picture has none."""
     output = ("-o", tmp_path / "a.exr", *SMALL)
     change(shot, lambda s: UsdLux.DistantLight.Define(s, "/World/Sun").CreateAngleAttr(40.0))
     shadowed = (*output, "--lighting", "shadowed")
@@ -123,6 +123,13 @@ def test_few_samples_of_a_wide_light_are_a_note(run, shot, tmp_path):
     assert "[few-light-samples]" not in run("render", shot, *shadowed, "--light-samples", 64)[2]
     err = run("relight", shot, "-o", tmp_path / "relit.usdc")[2]
     assert err.count("[few-light-samples]") == 1
+
+    def intensity(stage, value):
+        UsdLux.DistantLight.Get(stage, "/World/Sun").CreateIntensityAttr().Set(value)
+
+    change(shot, lambda s: intensity(s, 0.0))
+    assert "[few-light-samples]" not in run("render", shot, *shadowed)[2]
+    change(shot, lambda s: intensity(s, 1.0))
 
     def without_shadows(stage):
         prim = stage.GetPrimAtPath("/World/Sun")
