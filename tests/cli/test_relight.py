@@ -137,6 +137,19 @@ def test_a_prim_without_a_field_is_refused(run, shot, tmp_path):
         assert not (tmp_path / "a.usda").exists()
 
 
+def test_a_prim_without_a_field_names_a_few_of_many(run, shot, tmp_path):
+    """Oracle: the first three of 300 fields by hand, and the count of the others."""
+    path = shot()
+    stage = Usd.Stage.Open(str(path))
+    for i in range(299):
+        stage.DefinePrim(f"/World/Other{i}", "ParticleField3DGaussianSplat")
+    stage.GetRootLayer().Save()
+    words = ("-o", tmp_path / "a.usda", "--prim", "/World/Bal")
+    status, _, err = run("relight", path, *words, *FAST)
+    expected = f"expected a field: {FIELD}, /World/Other0, /World/Other1 and 297 more\n"
+    assert status == 2 and err.endswith(expected)
+
+
 @pytest.mark.parametrize("target", ["/World/Gone", "/World/Cam", "/World/Set"])
 def test_the_hdri_is_used_where_no_named_prim_is_a_light(run_json, shot, tmp_path, target):
     """Oracle: the colours of a field that names nothing; a dome that is named counts."""

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import OpenImageIO as oiio
 import pytest
-from pxr import Sdf, Usd, UsdGeom, UsdLux, UsdRender
+from pxr import Sdf, Usd, UsdGeom, UsdLux, UsdRender, UsdShade
 
 from tests.cli.test_render import SMALL
+from tests.delegate.surface_stages import add_material, add_mesh, bind
 from tests.delegate.tree_stages import tree_stage
 from usdsplat import procedural_capture, schema
 
@@ -111,17 +112,24 @@ def test_a_light_of_photographs_inside_an_instance_is_a_finding(run, tmp_path):
 
 def test_few_samples_of_a_wide_light_are_a_note(run, shot, tmp_path):
     """Oracle: 16 samples of 40 degrees, (40 / 5)² = 64 at 5 degrees; none where there are enough,
-    where the light casts no shadows, or where the picture has none."""
+    where the light is dark or casts no shadows, or where the picture has none."""
     output = ("-o", tmp_path / "a.exr", *SMALL)
     change(shot, lambda s: UsdLux.DistantLight.Define(s, "/World/Sun").CreateAngleAttr(40.0))
     shadowed = (*output, "--lighting", "shadowed")
     status, _, err = run("render", shot, *shadowed, "--strict")
     assert status == 0 and err.count("note [few-light-samples] /World/Sun: ") == 1
-    assert "found 16 samples of 40 degrees, expected 64 or more" in err
+    assert "found 16 samples, expected 64 or more for 40 degrees" in err
     assert "[few-light-samples]" not in run("render", shot, *output)[2]
     assert "[few-light-samples]" not in run("render", shot, *shadowed, "--light-samples", 64)[2]
     err = run("relight", shot, "-o", tmp_path / "relit.usdc")[2]
     assert err.count("[few-light-samples]") == 1
+
+    def intensity(stage, value):
+        UsdLux.DistantLight.Get(stage, "/World/Sun").CreateIntensityAttr().Set(value)
+
+    change(shot, lambda s: intensity(s, 0.0))
+    assert "[few-light-samples]" not in run("render", shot, *shadowed)[2]
+    change(shot, lambda s: intensity(s, 1.0))
 
     def without_shadows(stage):
         prim = stage.GetPrimAtPath("/World/Sun")
@@ -129,6 +137,34 @@ def test_few_samples_of_a_wide_light_are_a_note(run, shot, tmp_path):
 
     change(shot, without_shadows)
     assert "[few-light-samples]" not in run("render", shot, *shadowed)[2]
+
+
+def test_findings_on_animated_lights_and_surfaces_are_said_once(run, shot, tmp_path):
+    """Oracle: three frames of one light and of two materials, with other values in each: one line
+    of each code, although the material that is named first is hidden in the last frame."""
+
+    def animated(stage):
+        sun = UsdLux.DistantLight.Define(stage, "/World/Sun")
+        for letter in "AB":
+            mesh = add_mesh(stage, f"/World/{letter}", faces=1)
+            bind(mesh, add_material(stage, f"/Looks/{letter}"))
+            surface = UsdShade.Shader(stage.GetPrimAtPath(f"/Looks/{letter}/Surface"))
+            rough = surface.CreateInput("roughness", Sdf.ValueTypeNames.Float)
+            for frame in (1, 2, 3):
+                rough.GetAttr().Set(0.1 * frame, frame)
+        for frame in (1, 2, 3):
+            sun.CreateIntensityAttr().Set(1e7 * frame, frame)
+            sun.CreateAngleAttr().Set(40.0 + frame, frame)
+        hidden = UsdGeom.Imageable.Get(stage, "/World/A").CreateVisibilityAttr()
+        hidden.Set("inherited", 1)
+        hidden.Set("invisible", 3)
+
+    change(shot, animated)
+    output = ("-o", tmp_path / "a.####.exr", *SMALL, "--frames", "1:3", "--jobs", 1)
+    status, _, err = run("render", shot, *output, "--lighting", "shadowed")
+    assert status == 0
+    for code in ("extreme-light", "few-light-samples", "diffuse-surfaces"):
+        assert err.count(f"[{code}]") == 1, err
 
 
 def test_a_catcher_must_be_a_prim(run, shot, tmp_path):

@@ -96,6 +96,8 @@ class Finding:
     @property
     def key(self) -> tuple[str, ...]:
         """Key that is equal for findings to be reported once."""
+        if CODES[self.code].is_once:
+            return self.file, self.code
         return self.file, self.code, self.path, self.attribute, self.found
 
 

@@ -10,9 +10,9 @@ ALONE = "No other prim shadows this capture: it looks as captured unless Self sh
 
 def told(scenes: tuple[Scene, ...]) -> tuple[str, ...]:
     """Return findings on the stage, a problem of a GPU, and light without an effect, as
-    sentences."""
+    sentences. Notes are left out: they ask for no action, and would hide what does."""
     engine = scenes[0].engine
-    said = [found.told for found in engine.findings]
+    said = [found.told for found in engine.findings if found.severity != "note"]
     if engine.remark:
         said.insert(0, engine.remark)
     wants = any(each.look.settings.lighting != "captured" for each in scenes)

@@ -28,6 +28,9 @@ from usdsplat.render.lights.captured import estimate
 from usdsplat.render.lights.relighting import field_gains, fit_colors
 from usdsplat.render.settings import RenderSettings
 
+MOST_NAMED = 3
+"""Number of fields that a sentence on a wrong path names."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RelightRequest:
@@ -363,7 +366,9 @@ def _wanted(stage: Usd.Stage, prims: tuple[str, ...], findings: Findings) -> lis
             found.append(path)
     for each in prims:
         if not any(_is_beneath(path, each) for path in paths):
-            raise StageError("--prim", each, f"a field: {', '.join(paths) or 'none'}")
+            more = f" and {len(paths) - MOST_NAMED} more" if len(paths) > MOST_NAMED else ""
+            named = ", ".join(paths[:MOST_NAMED]) or "none"
+            raise StageError("--prim", each, f"a field: {named}{more}")
     if not found:
         raise StageError("fields", "none that can be relit", "a visible splat field")
     return found

@@ -149,17 +149,20 @@ def shadows(engine: Engine, plan: PicturePlan) -> Iterator[Finding]:
 
 
 def few_light_samples(scene: RenderScene, settings: RenderSettings) -> Iterator[Finding]:
-    """Yield a finding on each distant light whose samples are far apart.
+    """Yield a finding on each distant light whose samples are far apart, unless it is dark.
 
     Those of other lights are as far apart as their distance says, which no number tells.
     """
     for path, light in sorted(scene.named_lights.items()):
         angle = min(light.angle, math.pi)
         least = math.ceil((angle / COARSE) ** 2)
-        if light.kind == "distant" and light.shadow.enable and settings.light_samples < least:
-            samples = counted(settings.light_samples, "sample")
-            found = f"{samples} of {math.degrees(angle):g} degrees"
-            yield finding("few-light-samples", path, found, f"{least} or more")
+        if light.kind != "distant" or not light.shadow.enable or not any(light.irradiance):
+            continue
+        if settings.light_samples < least:
+            # the angle is not part of what was found, which is said once for all frames
+            found = counted(settings.light_samples, "sample")
+            expected = f"{least} or more for {math.degrees(angle):g} degrees"
+            yield finding("few-light-samples", path, found, expected)
 
 
 def _split_lighting(scene: RenderScene, plan: PicturePlan) -> Iterator[Finding]:

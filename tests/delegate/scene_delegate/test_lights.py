@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdLux
 
-from tests.delegate.surface_stages import add_light
+from tests.delegate.surface_stages import add_light, write_picture
 from tests.delegate.tree_stages import tree_stage
 from usdsplat import procedural_capture, schema
 from usdsplat.delegate.engine import Engine
@@ -232,6 +232,65 @@ def test_light_that_half_pictures_cannot_hold_is_a_finding(kind, strength, code)
         prim.GetAttribute("inputs:intensity").Set(1.0)
         engine.sync()
         assert engine.findings == ()
+
+
+@pytest.mark.parametrize("pole", [(0, 0), (90, 0), (0, 90)])
+@pytest.mark.parametrize("factor", [0.995, 1.005])
+@pytest.mark.parametrize(
+    ("lit", "most"),
+    [
+        (slice(0, 32), 1.0),  # the upper half
+        (slice(32, 64), 1.0),
+        # 45 degrees about the pole: sin² of them
+        (slice(0, 16), math.sin(math.radians(45)) ** 2),
+        # two rows at the horizon, to a wall: (2 / π) ∫ cos² of their elevation
+        (slice(31, 33), (math.radians(5.625) + math.sin(math.radians(5.625))) / math.pi),
+    ],
+)
+def test_the_light_of_part_of_a_sky_is_that_of_its_solid_angle(
+    tmp_path, lit, most, factor, pole
+) -> None:
+    """Oracle: closed forms of the irradiance of a band of a latlong picture with 64 rows, divided
+    by π, on a white surface that faces the pole or stands upright; 65504 is the limit."""
+    sky = np.zeros((64, 128, 3), np.float32)
+    sky[lit] = 1.0
+    stage = Usd.Stage.CreateInMemory()
+    dome = UsdLux.DomeLight.Define(stage, "/Dome")
+    dome.CreateTextureFileAttr(write_picture(tmp_path / "sky.exr", sky))
+    dome.CreateIntensityAttr(factor * 65504 / most)
+    for each, angle in zip((dome.AddRotateXOp(), dome.AddRotateZOp()), pole, strict=True):
+        each.Set(angle)
+    with Engine(stage) as engine:
+        assert bool(engine.findings) == (factor > 1)
+
+
+@pytest.mark.parametrize(
+    ("kind", "sizes", "part"),
+    [
+        ("SphereLight", {"radius": 1}, 1.0),  # the radiance times r²
+        ("CylinderLight", {"radius": 1, "length": 3}, 6 / math.pi),  # 2 r l / π
+        ("DiskLight", {"radius": 2}, 4.0),
+        ("RectLight", {"width": 2, "height": 3}, 6 / math.pi),
+    ],
+)
+def test_a_light_with_an_area_lights_by_its_projection(kind, sizes, part) -> None:
+    """Oracle: L · projected area / π at a distance of 1, and 65504 at one of 1e6; the number in the
+    sentence."""
+    stage = Usd.Stage.CreateInMemory()
+    prim = stage.DefinePrim("/Light", kind)
+    for name, size in sizes.items():
+        prim.GetAttribute(f"inputs:{name}").Set(size)
+    most = 65504e12 / part
+    with Engine(stage) as engine:
+        prim.GetAttribute("inputs:intensity").Set(0.999 * most)
+        engine.sync()
+        assert engine.findings == ()
+        prim.GetAttribute("inputs:intensity").Set(1.001 * most)
+        engine.sync()
+        assert [each.code for each in engine.findings] == ["extreme-light"]
+        prim.GetAttribute("inputs:intensity").Set(1e20 / part)
+        engine.sync()
+        assert engine.findings[0].expected.endswith("not 1e+20")
 
 
 @pytest.mark.parametrize(

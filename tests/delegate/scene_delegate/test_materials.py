@@ -274,6 +274,37 @@ def test_gloss_of_all_materials_is_one_note(stage):
         assert "found 0.25, expected 0.5" in gloss.message and "all surfaces" in gloss.message
 
 
+@pytest.mark.parametrize("is_connected", [False, True])
+@pytest.mark.parametrize("name", ["roughness", "clearcoat", "metallic"])
+@pytest.mark.parametrize(
+    ("kind", "value", "said"),
+    [
+        ("Color3f", Gf.Vec3f(0.5), "(0.5, 0.5, 0.5)"),
+        ("Token", "matt", "matt"),
+        ("String", "1", "1"),
+        ("Asset", Sdf.AssetPath("a.png"), "a.png"),
+        ("FloatArray", [0.5] * 1000, "(0.5, 0.5, 0.5, 0.5, …)"),
+        ("StringArray", ["a"], "a"),
+        ("Color3fArray", [Gf.Vec3f(0.5)], "0.5"),
+        ("Matrix4d", Gf.Matrix4d(1), "1"),
+    ],
+)
+def test_an_input_of_another_type_is_a_finding(stage, name, kind, value, said, is_connected):
+    """Oracle: UsdPreviewSurface, in which these inputs are numbers; the value authored is in the
+    sentence, also where the material's interface has it, and the mesh is drawn."""
+    kind = getattr(Sdf.ValueTypeNames, kind)
+    own = shader(stage, "/Looks/Mat/Surface").CreateInput(name, kind)
+    holder = stage_material(stage, "/Looks/Mat").CreateInput("of", kind) if is_connected else own
+    holder.Set(value)
+    if is_connected:
+        own.ConnectToSource(holder)
+    with Engine(stage) as engine:
+        (found,) = engine.findings
+        assert (found.code, found.attribute) == ("unsupported-input", f"inputs:{name}")
+        assert said in found.found and len(found.found) < 100 and found.expected == "a number"
+        assert mesh_at(engine, "/M").materials
+
+
 def test_a_texture_is_read_once_for_all_that_show_it(stage, picture):
     """Oracle: the identity of the pixels; another path brings others."""
     texture = add_texture(stage, "/Looks/Mat", picture)

@@ -8,7 +8,7 @@ import zipfile
 from io import BytesIO
 
 import pytest
-from pxr import Sdf, Usd, UsdGeom, UsdLux, UsdRender
+from pxr import Gf, Sdf, Usd, UsdGeom, UsdLux, UsdRender
 
 from tests.delegate.stages import random_cloud, two_fields
 from tests.products.page.pages import moving_stage, parsed, still_stage
@@ -185,6 +185,24 @@ def test_lighting_that_the_stage_asks_for_is_a_finding(tmp_path):
     members.CreateIncludesRel().SetTargets(["/World/A"])
     (found,) = write_page(stage, tmp_path / "c.html").findings
     assert found.found == "relit lighting" and "usdsplat relight" in found.cure
+
+
+def test_lighting_is_read_with_the_resolution_and_the_camera_of_the_page(tmp_path, run):
+    """Oracle: a product without a resolution or a camera of its own is complete with those of the
+    command, which ends with status 0 and the finding."""
+    stage = still_stage()
+    settings = UsdRender.Settings.Define(stage, "/Render/Settings")
+    settings.CreateResolutionAttr(Gf.Vec2i(0, 0))
+    settings.GetPrim().CreateAttribute("splat:lighting", Sdf.ValueTypeNames.Token).Set("relit")
+    product = UsdRender.Product.Define(stage, "/Render/First")
+    settings.CreateProductsRel().SetTargets(["/Render/First"])
+    product.CreateCameraRel().SetTargets(["/Nowhere"])
+    stage.Export(str(shot := tmp_path / "shot.usda"))
+    page = tmp_path / "page.html"
+    asked = ("--resolution", "64x64", "--camera", "/Camera")
+    status, _, err = run("convert", shot, page, *asked)
+    assert (status, page.exists()) == (0, True), err
+    assert err.count("warning [not-applied] /Render/First: found relit lighting") == 1
 
 
 def test_a_simulation_is_noted_until_it_is_baked(tmp_path):

@@ -20,3 +20,5 @@ class Code:
     """Usual cure, unless a finding has a better one."""
     consequence: str = ""
     """What the command does instead. It ends the sentence of each finding; "" adds nothing."""
+    is_once: bool = False
+    """Whether a file has the finding once, at the first place where it was found."""

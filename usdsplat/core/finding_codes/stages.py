@@ -131,6 +131,7 @@ CODES: dict[str, Code] = {
         "the first one is named",
         "draw meshes with highlights in another renderer, and give its picture to --holdout",
         "all surfaces are diffuse, without highlights and bumps",
+        is_once=True,
     ),
     "unsupported-surface": Code(
         "warning",

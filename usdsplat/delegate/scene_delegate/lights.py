@@ -15,6 +15,7 @@ from usdsplat.core.findings import Finding, finding
 from usdsplat.delegate.scene_delegate import collections
 from usdsplat.delegate.scene_delegate.domes import dome_to_world
 from usdsplat.delegate.scene_delegate.placing import column_matrix
+from usdsplat.render.lights.dome import strongest_light
 from usdsplat.render.lights.sampling import area
 from usdsplat.render.lights.specs import (
     EVERYTHING,
@@ -42,6 +43,9 @@ FARTHEST = 1e6
 """Distance at which an area light may still light a white surface to the largest number of a half
 picture [scene unit]."""
 
+SEEN: dict[LightKind, float] = {"sphere": 0.25, "cylinder": 1 / math.pi, "disk": 1.0, "rect": 1.0}
+"""Largest part of the area of a light that is seen from far away: its projection."""
+
 
 def read_light(
     prim: Usd.Prim, time: Usd.TimeCode, cache: UsdGeom.XformCache, sky: DomeSky | None = None
@@ -66,25 +70,25 @@ def finding_on_brightness(where: str, light: LightSpec) -> Finding | None:
     """Return a finding on a light that is probably too bright by mistake, or None.
 
     Distant lights and domes are compared with the largest number of a half picture, which a white
-    surface must not pass. How far surfaces are from other lights is not known here, so these are
-    compared at a distance of `FARTHEST`.
+    surface that faces them must not pass. How far surfaces are from other lights is not known here,
+    so these are compared at a distance of `FARTHEST`.
     """
     if light.kind == "distant":
         level, most = max(light.irradiance), HALF_MAX
         where_lit = "on a white surface that faces it"
     elif light.sky is not None:
-        means = np.frombuffer(light.sky.grid, np.float32).reshape(-1, 3).mean(axis=0)
-        peaks = np.sum([each.irradiance for each in light.sky.peaks] or [(0, 0, 0)], axis=0)
-        level, most = float((np.array(light.radiance) * (means + peaks)).max()), HALF_MAX
-        where_lit = "on a white surface below it"
+        level, most = strongest_light(light), HALF_MAX
+        where_lit = "on a white surface that faces its light"
     else:
         linear = np.array(light.to_world).reshape(4, 4)[:3, :3]
-        surface = area(light.kind, light.size, linear) or 1.0
-        level, most = max(light.radiance) * surface / math.pi, HALF_MAX * FARTHEST**2
+        seen = SEEN[light.kind] * (area(light.kind, light.size, linear) or 1.0)
+        level, most = max(light.radiance) * seen / math.pi, HALF_MAX * FARTHEST**2
         where_lit = "at a distance of 1"
     if level <= most:
         return None
-    return finding("extreme-light", where, f"light of {level:.3g} {where_lit}", f"at most {most:g}")
+    # the amount is not part of what was found, which is said once for all frames
+    found, expected = f"too much light {where_lit}", f"at most {most:g}, not {level:.3g}"
+    return finding("extreme-light", where, found, expected)
 
 
 def _read_distant(prim: Usd.Prim, time: Usd.TimeCode, cache: UsdGeom.XformCache) -> LightSpec:

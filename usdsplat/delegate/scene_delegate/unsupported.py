@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable, Iterator
+from numbers import Real
 from typing import Any
 
 from pxr import Usd, UsdGeom, UsdLux, UsdShade
@@ -63,7 +64,9 @@ GLOSS = {"roughness": 0.5, "clearcoat": 0.0, "normal": (0.0, 0.0, 1.0)}
 """Input of highlights and bumps -> its fallback, as which it says nothing about the material. So
 does a higher roughness."""
 DIFFUSE = "diffuse-surfaces"
-"""Code of the finding on these inputs."""
+"""Code of the finding on these inputs, which a stage has once."""
+MOST_NUMBERS = 4
+"""Count of the numbers of an array that a sentence has."""
 
 CURES = {
     "inputs:shaping:ies:file": "clear it, and shape the beam with inputs:shaping:cone:angle, "
@@ -182,21 +185,25 @@ def finding_on_input(shader: Usd.Prim, name: str, found: Any) -> Finding | None:
         found: Value of the input; None if another shader computes it.
     """
     fallback = GLOSS[name] if name in GLOSS else FALLBACKS[name]
-    is_matt = name == "roughness" and found is not None and found >= fallback
-    if is_matt or (found is not None and _plain(found) == fallback):
-        return None
+    where, plain = f"{shader.GetPath()}.inputs:{name}", _plain(found)
     said = "a connection" if found is None else _text(found)
-    where = f"{shader.GetPath()}.inputs:{name}"
+    width = _width(fallback)
+    if found is not None and _width(plain) != width:
+        expected = f"{width} numbers" if width else "a number"
+        return finding("unsupported-input", where, said, expected)
+    is_matt = name == "roughness" and found is not None and plain >= fallback
+    if is_matt or plain == fallback:
+        return None
     code = DIFFUSE if name in GLOSS else "unsupported-input"
     return finding(code, where, said, f"{_text(fallback)}, the fallback")
 
 
 def in_order(found: Iterable[Finding]) -> tuple[Finding, ...]:
-    """Return findings by path, each once, and of those on gloss the first one."""
-    once = {each.key: each for each in found}
-    every = sorted(once.values(), key=lambda each: (each.path, each.message))
-    first = next((each for each in every if each.code == DIFFUSE), None)
-    return tuple(each for each in every if each.code != DIFFUSE or each is first)
+    """Return findings by path, each once; of those with a common key the first one."""
+    once: dict[tuple[str, ...], Finding] = {}
+    for each in sorted(found, key=lambda each: (each.path, each.message)):
+        once.setdefault(each.key, each)
+    return tuple(once.values())
 
 
 def findings_on_names(shader: Usd.Prim, kind: str) -> Iterator[Finding]:
@@ -255,16 +262,27 @@ def _expected(code: str, name: str) -> str:
 
 
 def _text(value: Any) -> str:
-    """Return a number, or several, in a few digits."""
+    """Return a number, or several, in a few digits; of more than `MOST_NUMBERS` their first."""
     numbers = _plain(value)
     if isinstance(numbers, tuple):
-        return f"({', '.join(f'{each:g}' for each in numbers)})"
+        more = ", …" if len(numbers) > MOST_NUMBERS else ""
+        return f"({', '.join(f'{each:g}' for each in numbers[:MOST_NUMBERS])}{more})"
     return f"{numbers:g}" if isinstance(numbers, float) else str(numbers)
 
 
 def _plain(value: Any) -> Any:
-    """Return a value of USD as a number or a tuple of numbers."""
+    """Return a value of USD as a number or a tuple of numbers; others, such as texts, as they
+    are."""
+    if isinstance(value, str):
+        return value
     try:
         return tuple(float(each) for each in value)
-    except TypeError:
+    except (TypeError, ValueError):
         return value
+
+
+def _width(plain: Any) -> int:
+    """Return the count of numbers of a tuple; 0 for a number, and -1 for anything else."""
+    if isinstance(plain, tuple):
+        return len(plain)
+    return 0 if isinstance(plain, Real) else -1

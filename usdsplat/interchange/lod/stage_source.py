@@ -167,7 +167,8 @@ class StageSource:
         return _placed(found, own, matrix)
 
     def findings(self) -> list[Finding]:
-        """Return problems of composition, and the grades and crops, which a tree does not get."""
+        """Return problems of composition, and the grades, crops and light that a tree does not
+        get."""
         fields = self._fields
         return [*composition_findings(fields.stage), *unapplied(fields.prims, self._options.time)]
 

@@ -16,7 +16,9 @@ from pxr import Usd, UsdGeom
 from usdsplat.core.axes import change
 from usdsplat.core.cloud import F64
 from usdsplat.core.errors import UsageError
+from usdsplat.core.findings import Finding, finding
 from usdsplat.delegate.engine import Engine
+from usdsplat.delegate.product import ProductSpec
 from usdsplat.delegate.scene_delegate.cameras import read_camera
 from usdsplat.images.background import (
     TRANSPARENT,
@@ -25,6 +27,7 @@ from usdsplat.images.background import (
     parse_background,
 )
 from usdsplat.interchange.placement import stage_frame
+from usdsplat.interchange.unapplied import RELIGHT
 from usdsplat.products.planning import find_camera
 from usdsplat.products.request import MOST_PIXELS
 from usdsplat.render.framing import conform
@@ -89,6 +92,8 @@ class PageCamera:
     start: int
     """Index of the frame of the splats, or of the nearest."""
     notes: tuple[str, ...] = ()
+    findings: tuple[Finding, ...] = ()
+    """Those on the product whose picture the page shows."""
 
 
 def page_camera(
@@ -110,7 +115,7 @@ def page_camera(
         if side > MOST_PIXELS:
             raise UsageError("--resolution", str(side), f"at most {MOST_PIXELS} pixels on a side")
     with Engine(stage, time=time) as engine:
-        path, framing, text = _chosen(engine, request)
+        path, framing, text, findings = _chosen(engine, request)
         engine.set_purposes(request.purposes)
         where = background_source(is_requested=request.background is not None)
         auto = "grey" if is_capture else TRANSPARENT
@@ -152,21 +157,35 @@ def page_camera(
         background=background or (0.0, 0.0, 0.0),
         start=int(np.argmin(np.abs(np.array(frames) - (time or 0.0)))),
         notes=tuple(eye.notes),
+        findings=findings,
     )
 
 
-def _chosen(engine: Engine, request: PageRequest) -> tuple[str | None, Framing, str]:
+def _chosen(
+    engine: Engine, request: PageRequest
+) -> tuple[str | None, Framing, str, tuple[Finding, ...]]:
     """Return the camera, the picture and the background of what `render` draws: those of the first
-    product, else the first camera, else an automatic one."""
+    product, else the first camera, else an automatic one; and findings on this product."""
     path = None if request.camera is None else find_camera(engine, request.camera)
     framing = Framing(resolution=request.resolution or Framing().resolution)
-    background = RenderSettings().background
+    background, findings = RenderSettings().background, tuple[Finding, ...]()
     for product in engine.products(resolution=request.resolution, camera=path)[:1]:
         framing, background = product.framing, product.settings.background
         if path is None and product.camera in engine.cameras():
             path = product.camera
+        findings = tuple(_unlit(product))
     text = background if request.background is None else request.background
-    return path or next(iter(engine.cameras()), None), framing, text
+    return path or next(iter(engine.cameras()), None), framing, text, findings
+
+
+def _unlit(product: ProductSpec) -> Iterator[Finding]:
+    """Yield a finding if the picture of a product has shadows or is relit."""
+    modes = {mode for mode, rules in product.light_rules if rules}
+    asked = sorted({product.settings.lighting, *modes} - {"captured"})
+    if asked:
+        expected = "captured: a page has neither lights nor shadows"
+        found = f"{' and '.join(asked)} lighting"
+        yield finding("not-applied", product.path, found, expected, cure=RELIGHT)
 
 
 def _frames(

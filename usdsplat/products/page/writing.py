@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -11,13 +11,11 @@ from pxr import Usd, UsdGeom, UsdLux, UsdVol
 from usdsplat import formats, schema
 from usdsplat.core.edits import Edit
 from usdsplat.core.errors import OutputError, UnknownFormatError, UsageError
-from usdsplat.core.findings import Finding, finding
 from usdsplat.core.folders import check_folder, made_folder
 from usdsplat.core.output import is_private, output_file, output_group, write_output
 from usdsplat.core.progress import Progress, silent
 from usdsplat.core.text import shown
 from usdsplat.core.wording import counted, said_bytes
-from usdsplat.delegate.scene_delegate import find_products
 from usdsplat.formats import WriteOptions, sog
 from usdsplat.formats.sog.lod_meta import LOD_META
 from usdsplat.interchange import files
@@ -38,7 +36,7 @@ from usdsplat.interchange.reports import ExportReport
 from usdsplat.interchange.streamed import is_streamed
 from usdsplat.interchange.streamed_writing import write_streamed
 from usdsplat.interchange.tree_reading import LEAVES
-from usdsplat.interchange.unapplied import RELIGHT, unapplied
+from usdsplat.interchange.unapplied import unapplied
 from usdsplat.products.page.camera import AXES, PageCamera, PageRequest, page_camera
 from usdsplat.products.page.document import VIEWER, VIEWER_FILES, Document
 from usdsplat.products.page.settings import viewer_settings
@@ -295,7 +293,7 @@ class _Work:
             frame=report.frame,
             error_bounds=report.error_bounds,
             notes=(*report.notes, *self.camera.notes, *self._left_out(report), *notes),
-            findings=(*report.findings, *_unlit(self.stage, self.reading.time)),
+            findings=(*report.findings, *self.camera.findings),
             camera=self.camera.path,
             frames=self.camera.frames,
             rate=self.camera.rate,
@@ -329,21 +327,6 @@ class _Work:
                     "baked: bake it, and write the page of the bake"
                 )
         return notes
-
-
-def _unlit(stage: Usd.Stage, time: float | None) -> Iterator[Finding]:
-    """Yield a finding if the first product, whose picture the page shows, has shadows or is
-    relit."""
-    products = find_products(
-        stage, time=time, settings_path=None, camera=None, resolution=None, overrides={}
-    )
-    for product in products[:1]:
-        modes = {mode for mode, rules in product.light_rules if rules}
-        asked = sorted({product.settings.lighting, *modes} - {"captured"})
-        if asked:
-            expected = "captured: a page has neither lights nor shadows"
-            found = f"{' and '.join(asked)} lighting"
-            yield finding("not-applied", product.path, found, expected, cure=RELIGHT)
 
 
 def _is_surface(prim: Usd.Prim) -> bool:

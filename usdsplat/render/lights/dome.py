@@ -140,6 +140,23 @@ def _smooth_light(
     return (mean * np.array(radiance)).astype(np.float32), ratios.astype(np.float32)
 
 
+def strongest_light(light: LightSpec) -> float:
+    """Return the most light that a dome, with its peaks, gives a white surface that faces one of
+    its axes, either way, or a peak; the largest of three colours.
+
+    Nothing hides the dome. A uniform one gives its radiance in each direction.
+    """
+    assert light.sky is not None
+    peaks = np.array([each.direction for each in light.sky.peaks]).reshape(-1, 3)
+    normals = np.concatenate([np.eye(3), -np.eye(3), peaks])
+    cosines = np.maximum(directions_of(ROWS, 2 * ROWS).reshape(-1, 3) @ normals.T, 0.0)
+    weights = cosines * np.repeat(solid_angles(ROWS, 2 * ROWS), 2 * ROWS)[:, None]
+    found = (weights / weights.sum(axis=0)).T @ _grid(light.sky.grid)
+    colors = np.array([each.irradiance for each in light.sky.peaks]).reshape(-1, 3)
+    found += np.maximum(normals @ peaks.T, 0.0) @ colors
+    return float((found * np.array(light.radiance)).max())
+
+
 def cell_radiance(light: LightSpec, directions: F64) -> F64:
     """Return the light of a dome without its peaks from the cells around directions in the world:
     radiance × solid angle / π, shape (n, 3). A pixel is of the cell of the nearest direction."""
