@@ -10,7 +10,7 @@ from pxr import Usd
 from PySide6.QtCore import QPoint, QPointF, Qt
 from PySide6.QtGui import QWheelEvent
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication, QLineEdit
+from PySide6.QtWidgets import QApplication, QLineEdit, QTreeView
 
 from tests.preview.qt import windows
 from tests.preview.qt.conftest import wait_until
@@ -211,3 +211,22 @@ def test_properties_are_searched_and_the_keys_are_those_of_the_search_of_prims(
     assert len(panel.properties.rows) > 10
     QTest.keyClick(panel.box, Qt.Key.Key_Escape)
     assert workspace.viewport.hasFocus()
+
+
+@pytest.mark.parametrize("page", [1, 2])
+def test_the_search_of_properties_is_seen_from_the_other_pages(
+    window: Window, workspace: Workspace, page: int
+) -> None:
+    """Oracle: what is typed after Ctrl-F on the page of metadata or composition, and whether the
+    box is visible."""
+    click_cell(workspace, "/Camera", NAME)
+    panel = workspace.prim
+    wait_until(lambda: len(panel.properties.rows) > 10)
+    QTest.mouseClick(panel.tabBar(), LEFT, pos=panel.tabBar().tabRect(page).center())
+    table = panel.currentWidget()
+    assert isinstance(table, QTreeView)
+    QTest.mouseClick(table.viewport(), LEFT)
+    press(window, "Ctrl+F")
+    assert panel.box.isVisible() and panel.box.hasFocus()
+    QTest.keyClicks(focused(), "focal")
+    assert [row.name for row in panel.properties.rows] == ["focalLength"]

@@ -104,6 +104,11 @@ class PrimPanel(QTabWidget):
         context.proxy.stage_changed.connect(lambda event: self._question.refresh())
         context.proxy.picture.connect(self._follow_tree)
 
+    def search(self) -> None:
+        """Focus the search, on whose page the properties are."""
+        self.setCurrentIndex(0)
+        self.box.setFocus()
+
     def _follow_tree(self, picture: Picture) -> None:
         """Show what is drawn of a selected splat tree, and what is in memory, after a picture."""
         if any(row.name == DRAWN for row in self._rows):
