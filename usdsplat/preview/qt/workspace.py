@@ -364,7 +364,7 @@ class Workspace(QWidget):
         words = unsimulated(
             context.simulation,
             context.time,
-            start=context.viewer.timeline.start,
+            first=context.viewer.timeline.start,
             is_baked=context.baked is not None,
         )
         if words != self.viewport.badges.unsimulated:
