@@ -324,6 +324,25 @@ def test_a_turn_in_the_picture_counts_as_the_user_sees_it() -> None:
     assert drag.words == "+90.0°"
 
 
+@pytest.mark.parametrize("up", [3.0, -3.0])
+def test_a_turn_that_snaps_to_zero_says_so_without_a_sign(up: float) -> None:
+    """Oracle: by hand: three pixels up or down are far below a step; zero is "+0.0" either way."""
+    camera = FreeCamera(eye=(0.0, 0.0, 9.0))
+    manipulator = Manipulator(matrix=np.eye(4), mode="rotate")
+    drag = begin_drag(manipulator, "view", (500.0, 300.0), projection(camera))
+    drag((500.0, 300.0 - up), snaps=True)
+    assert drag.words == "+0.0°"
+
+
+def test_a_small_turn_is_rounded_to_zero_without_a_sign() -> None:
+    """Oracle: by hand: a thousandth of a pixel at a radius of 100 is less than 0.001 degrees."""
+    camera = FreeCamera(eye=(0.0, 0.0, 9.0))
+    manipulator = Manipulator(matrix=np.eye(4), mode="rotate")
+    drag = begin_drag(manipulator, "view", (500.0, 300.0), projection(camera))
+    drag((500.0, 300.001))
+    assert drag.words == "+0.0°"
+
+
 def test_a_matrix_crosses_as_sixteen_numbers_row_by_row() -> None:
     """Oracle: `specs.Matrix`: row-major, for column vectors."""
     assert as_matrix(placed())[3::4] == pytest.approx((0.9, -0.1, 1.3, 1.0))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 from dataclasses import replace
 
@@ -172,6 +173,8 @@ def test_others_have_turns_between_the_frames_of_a_flipbook(tmp_path, document, 
         ((), "f.####.png", UsageError),
         ((1.0, 2.0), "f.png", UsageError),
         ((1.0, 1.5), "f.####.png", UsageError),
+        ((1.0, math.inf), "f.####.png", UsageError),
+        (tuple(map(float, range(100_001))), "f.####.png", UsageError),
     ],
 )
 def test_a_flipbook_without_frames_or_names_for_them_is_refused(

@@ -24,4 +24,19 @@ from usdsplat.preview.values import SimulationStatus
 def test_words_say_which_frame_is_shown(state, frames, time, is_baked, words):
     """Oracle: by hand."""
     status = SimulationStatus(state=state, frames=frames)
-    assert unsimulated(status, time, start=1.0, is_baked=is_baked) == words
+    assert unsimulated(status, time, first=1.0, is_baked=is_baked) == words
+
+
+@pytest.mark.parametrize(
+    ("start", "time", "words"),
+    [
+        (4.0, 3.0, ""),
+        (4.0, 4.0, ""),
+        (4.0, 4.5, "Frame 4.5 is not simulated yet"),
+        (-9.0, 1.0, "Frame 1 is not simulated yet"),
+    ],
+)
+def test_before_its_own_start_a_simulation_changes_nothing(start, time, words):
+    """Oracle: by hand: one that starts before the timeline has moved splats at its first frame."""
+    status = SimulationStatus(state="ready", start=start)
+    assert unsimulated(status, time, first=1.0, is_baked=False) == words

@@ -134,8 +134,8 @@ class Document:
         if change is not None:
             if change.structure:
                 self._overlays.forget()
-            if change.structure and self.simulation is not None:
-                self.simulation.look()
+            if self.simulation is not None:
+                self.simulation.look(has_new_prims=change.structure)
             self.publish(change)
         with telling(self.publish), telling_phases(self.publish):
             picture = self._drawing.draw(state, self.lock, self._overlays.find, cancel=cancel)

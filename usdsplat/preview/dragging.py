@@ -154,6 +154,7 @@ def _rotating(
         placed = manipulator.matrix.copy()
         placed[:3, :3] = _turn(axis, math.radians(angle)) @ placed[:3, :3]
         shown = -angle if handle == "view" else angle  # counter-clockwise as the user sees it
+        shown = round(shown, 1) + 0.0  # no -0.0
         return placed, f"{_prefix(handle)}{shown:+.1f}°"
 
     return measure, place

@@ -7,6 +7,7 @@ writes for the same view.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import fields, replace
@@ -30,6 +31,9 @@ from usdsplat.products.drawing import write_picture
 from usdsplat.products.header import Origin, labelled_layout, picture_header
 from usdsplat.products.picture_file import PictureFile
 from usdsplat.products.request import PicturePlan
+
+MOST_FRAMES = 100_000
+"""Maximum number of frames of a flipbook, more than an hour; more are assumed to be a mistake."""
 
 
 def save_view(document: Document, state: ViewState, path: Path | str) -> Path:
@@ -66,11 +70,16 @@ def check_flipbook(path: Path, frames: Sequence[float]) -> None:
 
     Raises:
         UnknownFormatError: If the path has another suffix than those of a flipbook.
-        UsageError: If there are no frames, or the name has no placeholder for the frame.
+        UsageError: If there are no frames, too many, or one that is not finite; or the name has no
+            placeholder for the frame.
         OutputError: If it is a movie, and there is no ffmpeg.
     """
     if not frames:
         raise UsageError("frames", "none", "one or more")
+    if len(frames) > MOST_FRAMES:
+        raise UsageError("frames", f"more than {MOST_FRAMES}", f"at most {MOST_FRAMES}")
+    if not all(map(math.isfinite, frames)):
+        raise UsageError("frames", "one that is not finite", "finite numbers")
     check_suffix(path, (*FORMATS, ".exr", *movie.SUFFIXES))
     targets(path, frames)
     if _is_movie(path):

@@ -175,6 +175,9 @@ class SimulationStatus:
     """Time code of the last simulated frame."""
     frames: tuple[float, float] | None = None
     """First and last frame that can be shown [time code]."""
+    start: float | None = None
+    """First frame of the earliest simulation, before which splats are as captured [time code];
+    None for the first frame of the timeline."""
     end: float | None = None
     """Frame at which it stops [time code]."""
     splats: int = 0

@@ -61,18 +61,24 @@ def test_buttons_run_pause_step_and_reset_and_the_timeline_follows(workspace: Wo
     wait_until(lambda: workspace.timeline.ruler.cached is None)
 
 
+def scrub(workspace: Workspace, frame: float) -> None:
+    """Click a frame of the ruler."""
+    ruler = workspace.timeline.ruler
+    part = (frame - 1) / (LAST - 1)
+    at = QPoint(round(ruler.rect().left() + part * (ruler.width() - 1)), ruler.height() // 2)
+    QTest.mousePress(ruler, LEFT, pos=at)
+    QTest.mouseRelease(ruler, LEFT, pos=at)
+    assert workspace.context.time == frame
+
+
 def test_a_frame_that_is_not_simulated_says_so_while_it_is_scrubbed(workspace: Workspace) -> None:
     """Oracle: the frames of the status; the words are painted, and at the start and on simulated
     frames there are none."""
-    panel, ruler, viewport = workspace.simulation, workspace.timeline.ruler, workspace.viewport
+    panel, viewport = workspace.simulation, workspace.viewport
     wait_until(lambda: panel.status.state == "ready")
 
     def scrub_to(frame: float) -> str:
-        part = (frame - 1) / (LAST - 1)
-        at = QPoint(round(ruler.rect().left() + part * (ruler.width() - 1)), ruler.height() // 2)
-        QTest.mousePress(ruler, LEFT, pos=at)
-        QTest.mouseRelease(ruler, LEFT, pos=at)
-        assert workspace.context.time == frame
+        scrub(workspace, frame)
         return viewport.badges.unsimulated
 
     assert viewport.badges.unsimulated == ""
@@ -91,6 +97,24 @@ def test_a_frame_that_is_not_simulated_says_so_while_it_is_scrubbed(workspace: W
     QTest.mouseClick(panel.run, LEFT)
     wait_until(lambda: panel.status.frame == LAST and panel.status.state == "paused")
     assert viewport.badges.unsimulated == ""
+
+
+def test_before_the_start_of_a_simulation_nothing_is_missing(
+    window: Window, workspace: Workspace
+) -> None:
+    """Oracle: by hand, for a start that is typed into the panel, and taken back."""
+    badges = workspace.viewport.badges
+    wait_until(lambda: workspace.simulation.prims.count())
+    scrub(workspace, 3)
+    assert badges.unsimulated == "Frame 3 is not simulated yet"
+    type_into(workspace.simulation.panel.row("sim:startTime").findChild(QLineEdit), "3")
+    wait_until(lambda: badges.unsimulated == "")
+    scrub(workspace, 4)
+    assert badges.unsimulated == "Frame 4 is not simulated yet"
+    scrub(workspace, 3)
+    workspace.viewport.setFocus()
+    press(window, "Ctrl+Z")
+    wait_until(lambda: badges.unsimulated == "Frame 3 is not simulated yet")
 
 
 def test_a_parameter_is_turned_and_taken_back(window: Window, workspace: Workspace) -> None:

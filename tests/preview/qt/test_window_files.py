@@ -241,6 +241,30 @@ def test_a_movie_without_ffmpeg_says_what_it_needs(
     wait_until(lambda: window.note.startswith("Stopped: "))
 
 
+@pytest.mark.parametrize(
+    ("first", "last", "step", "words"),
+    [
+        ("1", "inf", "1", "found more than 100000, expected at most 100000"),
+        ("1", "1e12", "1", "found more than 100000, expected at most 100000"),
+        ("inf", "inf", "1", "found more than 100000, expected at most 100000"),
+        ("1", "24", "inf", "found one that is not finite"),
+    ],
+)
+def test_a_flipbook_of_frames_without_end_is_refused(
+    window: Window, workspace: Workspace, first: str, last: str, step: str, words: str
+) -> None:
+    """Oracle: the sentence, by hand; the dialog stays, and holds no more frames than are allowed
+    and one."""
+    press(window, "Ctrl+Shift+F")
+    dialog = window.findChild(FlipbookDialog)
+    wait_until(dialog.isActiveWindow)
+    for field, text in ((dialog.first, first), (dialog.last, last), (dialog.step, step)):
+        type_into(field, text, Qt.Key.Key_Tab)
+    QTest.mouseClick(dialog.buttons.button(QDialogButtonBox.StandardButton.Save), LEFT)
+    wait_until(lambda: words in workspace.problems.sentence)
+    assert dialog.isVisible() and len(dialog.frames()) <= 100_001
+
+
 def test_without_edits_save_says_so_before_it_asks_for_a_name(
     window: Window, workspace: Workspace, said: list[str]
 ) -> None:

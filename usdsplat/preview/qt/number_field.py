@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+from itertools import count
 
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QFocusEvent, QKeyEvent, QWheelEvent
 from PySide6.QtWidgets import QDialog, QLineEdit, QWidget
 
 from usdsplat.preview.qt import style
+
+_runs = count()
 
 
 class NumberField(QLineEdit):
@@ -50,10 +53,12 @@ class NumberField(QLineEdit):
         self._negative_label = negative_label
         self._zero_label = zero_label
         self._value: float | None = None
+        self.nudges = ""
+        """Key shared by steps in a row of arrow keys or the wheel; "" after a typed number."""
         self.setFont(style.digits())
         self.setAlignment(Qt.AlignmentFlag.AlignRight)
         self.setPlaceholderText(none_label)
-        self.editingFinished.connect(self._take)
+        self.editingFinished.connect(self.commit)
 
     @property
     def value(self) -> float | None:
@@ -67,6 +72,24 @@ class NumberField(QLineEdit):
         if not (self.hasFocus() and self.isModified()) and (is_other or not self.text()):
             self._write()
 
+    def commit(self) -> None:
+        """Take what was typed, if anything was, as Return does."""
+        if not self.isModified():
+            return
+        self.setModified(False)
+        text = self.text().strip()
+        try:
+            value = None if not text and self._none_label else self._parsed(text)
+        except ValueError:
+            self._write()
+            expected = "a whole number" if self._is_whole else "a number"
+            self.refused.emit(f"{self._label}: found {text!r}, expected {expected}")
+            return
+        self.nudges = ""
+        if value != self._value:
+            self.entered.emit(value)
+        self._write()
+
     # --- Qt's -------------------------------------------------------------------------------
 
     def focusInEvent(self, event: QFocusEvent) -> None:
@@ -76,6 +99,7 @@ class NumberField(QLineEdit):
 
     def focusOutEvent(self, event: QFocusEvent) -> None:
         super().focusOutEvent(event)
+        self.nudges = ""
         self._write()
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
@@ -111,22 +135,6 @@ class NumberField(QLineEdit):
         self.setText(text)
         self.setCursorPosition(0)
 
-    def _take(self) -> None:
-        if not self.isModified():
-            return
-        self.setModified(False)
-        text = self.text().strip()
-        try:
-            value = None if not text and self._none_label else self._parsed(text)
-        except ValueError:
-            self._write()
-            expected = "a whole number" if self._is_whole else "a number"
-            self.refused.emit(f"{self._label}: found {text!r}, expected {expected}")
-            return
-        if value != self._value:
-            self.entered.emit(value)
-        self._write()
-
     @property
     def _is_automatic(self) -> bool:
         return bool(self._negative_label) and self._value is not None and self._value < 0
@@ -150,6 +158,7 @@ class NumberField(QLineEdit):
         elif modifiers & Qt.KeyboardModifier.ControlModifier and not self._is_whole:
             step /= 10
         value = (0.0 if self._is_automatic else self._value) + sign * step
+        self.nudges = self.nudges or f"nudges {next(_runs)}"
         self.entered.emit(round(value) if self._is_whole else float(f"{value:.9g}"))
         self.selectAll()
 

@@ -120,6 +120,11 @@ class PanelContext(QObject):
         asks = self._drags.setdefault(drag, LatestRequest(self.proxy)) if drag else self.proxy
         asks.ask(task, self._show_history, refused)
 
+    @property
+    def is_dragging(self) -> bool:
+        """Whether a step of a drag is in progress, and a later one may wait for it."""
+        return any(each.is_busy for each in self._drags.values())
+
     def refresh_history(self) -> None:
         """Ask again for the labels of undo and redo, and whether there are unsaved edits."""
         self._history.refresh(at_once=True)

@@ -177,11 +177,13 @@ class FlipbookDialog(QDialog):
         form.addRow(self.buttons)
 
     def frames(self) -> tuple[float, ...]:
-        """Return the chosen time codes."""
+        """Return the chosen time codes, of too many only as many as `check_flipbook` refuses."""
         first, last, step = (field.value or 0.0 for field in (self.first, self.last, self.step))
         if step <= 0 or last < first:
             return ()
-        return tuple(first + number * step for number in range(int((last - first) / step) + 1))
+        # In this order, what is not a number, as for inf to inf, is too many as well.
+        steps = int(min(saving.MOST_FRAMES, (last - first) / step))
+        return tuple(first + number * step for number in range(steps + 1))
 
     def _browse(self) -> None:
         filters = f"{PICTURES};;Movies (*.mp4 *.mov)"

@@ -29,12 +29,12 @@ from usdsplat.preview.qt import style
 from usdsplat.preview.qt.knob_panel import tool_tip
 from usdsplat.preview.qt.knob_widgets import ValueWidget, make_widget
 from usdsplat.preview.qt.panel_context import PanelContext, Question
-from usdsplat.preview.qt.pose_fields import PoseFields
+from usdsplat.preview.qt.pose_fields import Entry, PoseFields
 from usdsplat.preview.qt.row_model import Column, RowModel
 from usdsplat.preview.qt.search_box import SearchBox
 from usdsplat.preview.stage_model import poses, properties
 from usdsplat.preview.stage_model.edits import Edits
-from usdsplat.preview.stage_model.poses import Part, Pose
+from usdsplat.preview.stage_model.poses import Pose
 from usdsplat.preview.stage_model.properties import ArcRow, MetadataRow, PropertyRow
 from usdsplat.preview.stage_model.tree_facts import DRAWN, tree_facts
 from usdsplat.preview.values import Picture
@@ -67,6 +67,8 @@ class PrimPanel(QTabWidget):
         self._shown: tuple[str, float | None] | None = None
         self._rows: tuple[PropertyRow, ...] = ()
         """All properties, of which the search shows some."""
+        self._entries = 0
+        """Number of entered numbers of poses."""
         self._question = Question(self, self._ask)
         self.properties = RowModel(_PROPERTY, key=lambda row: row.name, parent=self)
         self.metadata = RowModel(_METADATA, key=lambda row: row.name, parent=self)
@@ -102,6 +104,11 @@ class PrimPanel(QTabWidget):
         context.proxy.stage_changed.connect(lambda event: self._question.refresh())
         context.proxy.picture.connect(self._follow_tree)
 
+    def search(self) -> None:
+        """Focus the search, on whose page the properties are."""
+        self.setCurrentIndex(0)
+        self.box.setFocus()
+
     def _follow_tree(self, picture: Picture) -> None:
         """Show what is drawn of a selected splat tree, and what is in memory, after a picture."""
         if any(row.name == DRAWN for row in self._rows):
@@ -111,12 +118,13 @@ class PrimPanel(QTabWidget):
         if (self._context.selected, self._context.time) != self._shown:
             is_other = self._shown is None or self._shown[0] != self._context.selected
             if is_other:
-                self.pose.show_pose(None)
+                self.pose.show_pose(self._context.selected, None)
             self._shown = self._context.selected, self._context.time
             self._question.refresh(at_once=is_other)
 
     def _ask(self, done: Callable[[], None]) -> None:
         path, time, near = self._context.selected, self._context.time, self.pose.pose
+        entries, is_early = self._entries, self._context.is_dragging
 
         def answered(found: _Prim) -> None:
             done()
@@ -125,7 +133,10 @@ class PrimPanel(QTabWidget):
                 self._show_matching()
                 self.metadata.show_rows(found.metadata)
                 self.composition.show_rows(found.composition)
-                self.pose.show_pose(found.pose)
+                if is_early or entries != self._entries:  # older than what the fields show
+                    self._question.refresh()
+                else:
+                    self.pose.show_pose(path, found.pose)
 
         self._context.proxy.ask(
             partial(_read, path=path, time=time, near=near),
@@ -136,14 +147,13 @@ class PrimPanel(QTabWidget):
     def _show_matching(self) -> None:
         self.properties.show_rows(properties.matching(self._rows, self.box.text()))
 
-    def _set_pose(self, part: Part, axis: int, value: float) -> None:
-        near, path = self.pose.pose, self._context.selected
-        if near is not None:
-            self.pose.show_pose(near.with_number(part, axis, value))
-        step = partial(
-            _set_pose, path=path, number=(part, axis, value), time=self._context.time, near=near
-        )
-        self._context.edit(step, failed=lambda: self._question.refresh(at_once=True))
+    def _set_pose(self, entry: Entry) -> None:
+        self._entries += 1
+        self.pose.show_pose(entry.path, entry.pose.with_number(entry.part, entry.axis, entry.value))
+        # Also of typed numbers: they replace a waiting step of an arrow key.
+        drag = f"{entry.path} {entry.part} {entry.axis}"
+        step = partial(_set_pose, entry=entry, time=self._context.time)
+        self._context.edit(step, failed=lambda: self._question.refresh(at_once=True), drag=drag)
 
     def _edit(self, row: PropertyRow, value: Any, merge: str) -> None:
         path = f"{self._context.selected}.{row.name}"
@@ -265,15 +275,17 @@ def _pose(document: Document, path: str, time: float | None, near: Pose | None) 
         return None
 
 
-def _set_pose(
-    edits: Edits,
-    *,
-    path: str,
-    number: tuple[Part, int, float],
-    time: float | None,
-    near: Pose | None,
-) -> None:
-    poses.set_number(edits, path, *number, time=time, near=near)
+def _set_pose(edits: Edits, *, entry: Entry, time: float | None) -> None:
+    poses.set_number(
+        edits,
+        entry.path,
+        entry.part,
+        entry.axis,
+        entry.value,
+        time=time,
+        near=entry.pose,
+        merge=entry.merge or None,
+    )
 
 
 def _set_value(edits: Edits, *, path: str, value: Any, time: float | None, merge: Any) -> None:

@@ -209,7 +209,10 @@ class Workspace(QWidget):
     def search(self) -> None:
         """Focus the search of properties if the focus is in their panel, else that of prims."""
         is_prim = self.prim.isAncestorOf(QApplication.focusWidget() or self)
-        (self.prim.box if is_prim else self.tree.box).setFocus()
+        if is_prim:
+            self.prim.search()
+        else:
+            self.tree.box.setFocus()
 
     def undo(self) -> None:
         """Undo the last edit."""
@@ -361,7 +364,7 @@ class Workspace(QWidget):
         words = unsimulated(
             context.simulation,
             context.time,
-            start=context.viewer.timeline.start,
+            first=context.viewer.timeline.start,
             is_baked=context.baked is not None,
         )
         if words != self.viewport.badges.unsimulated:

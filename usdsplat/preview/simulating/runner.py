@@ -11,10 +11,13 @@ runner.reset()                  # restores the stage
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
+
+from pxr import Usd
 
 from usdsplat.core.output import Existing
 from usdsplat.delegate.live_clouds import LiveClouds
@@ -24,6 +27,7 @@ from usdsplat.preview.simulating.live import LiveRun
 from usdsplat.preview.simulating.recording import Asked, Recording
 from usdsplat.preview.simulating.shown_job import ShownJob
 from usdsplat.preview.values import SimulationStatus
+from usdsplat.sim.parameters import NAMESPACE
 from usdsplat.sim.stage.recipe import find_simulations
 
 State = Literal["none", "ready", "beginning", "running", "paused", "recording", "failed"]
@@ -71,7 +75,10 @@ class Runner:
         self._recording: Recording | None = None
         self._jobs: list[Job] = []
         self._message = ""
+        self._simulations: list[Usd.Prim] = []
         self._exists = False
+        self._begins: float | None = None
+        """When the first simulation starts [time code], see `SimulationStatus.start`."""
         self._look()
 
     @property
@@ -85,6 +92,7 @@ class Runner:
                 state="recording" if recording.goes else "paused",
                 frame=recording.frame,
                 frames=shown,
+                start=self._begins,
                 end=recording.end,
                 splats=recording.splats,
                 seconds=recording.seconds,
@@ -97,6 +105,7 @@ class Runner:
                 state="paused" if showing else "ready",
                 frame=showing.frame if showing else None,
                 frames=shown,
+                start=self._begins,
                 end=recording.end,
                 splats=recording.splats,
                 message=recording.message,
@@ -108,12 +117,15 @@ class Runner:
             failed = recording.failure if recording else ""
             told = recording.message if recording else self._message
             rest: State = "ready" if self._exists else "none"
-            return SimulationStatus(state="failed" if failed else rest, message=failed or told)
+            return SimulationStatus(
+                state="failed" if failed else rest, start=self._begins, message=failed or told
+            )
         failed = live.failure or (recording.failure if recording else "")
         return SimulationStatus(
             state="failed" if failed else _state_of(live),
             frame=live.frame,
             frames=shown,
+            start=self._begins,
             end=live.end,
             splats=live.splats,
             seconds=live.seconds,
@@ -205,11 +217,15 @@ class Runner:
                 with self._document.lock:
                     job.layer.author()
 
-    def look(self) -> None:
-        """Update whether the stage has simulations, after its prims have changed."""
-        before = self._exists
-        self._look()
-        if self._exists != before:
+    def look(self, *, has_new_prims: bool = True) -> None:
+        """Update whether the stage has simulations and when they start, after it has changed.
+
+        Args:
+            has_new_prims: Whether prims may have been added or removed, and not only edited.
+        """
+        before = self._exists, self._begins
+        self._look(has_new_prims=has_new_prims)
+        if (self._exists, self._begins) != before:
             self._tell()
 
     def close(self) -> None:
@@ -276,9 +292,12 @@ class Runner:
             with self._document.lock:
                 live.remove()
 
-    def _look(self) -> None:
+    def _look(self, *, has_new_prims: bool = True) -> None:
         with self._document.lock:
-            self._exists = bool(find_simulations(self._document.stage))
+            if has_new_prims:
+                self._simulations = find_simulations(self._document.stage)
+            self._exists = bool(self._simulations)
+            self._begins = _start_of(self._simulations)
 
     def _tell(self) -> None:
         """Publish the status, in the order of the changes."""
@@ -291,3 +310,11 @@ def _state_of(live: LiveRun) -> State:
     if live.is_over or not live.gate.is_open:
         return "paused"
     return "beginning" if live.frame is None else "running"
+
+
+def _start_of(simulations: Sequence[Usd.Prim]) -> float | None:
+    """Return the earliest start [time code]; None if one starts with the timeline."""
+    name = f"{NAMESPACE}:sim:startTime"
+    starts = [prim.GetAttribute(name).Get() if prim else None for prim in simulations]
+    known = [float(start) for start in starts if start is not None and math.isfinite(start)]
+    return min(known) if known and len(known) == len(starts) else None

@@ -120,6 +120,7 @@ def set_number(
     *,
     time: float | None = None,
     near: Pose | None = None,
+    merge: str | None = None,
 ) -> None:
     """Change one number of a prim's pose as the manipulator moves it, see `Edits.set_transform`.
 
@@ -130,6 +131,7 @@ def set_number(
         value: The new number.
         time: Time at which the prim reaches the pose.
         near: As for `pose_of`: the pose that the user sees.
+        merge: As for `Edits.step`.
 
     Raises:
         StageError: If the prim cannot be moved.
@@ -145,7 +147,8 @@ def set_number(
     world = _above(edits.stage.GetPrimAtPath(path), time) @ matrix_of(
         pose.with_number(part, axis, value)
     )
-    edits.set_transform(path, tuple(world.ravel().tolist()), time=time, verb=VERBS[part])
+    placed = tuple(world.ravel().tolist())
+    edits.set_transform(path, placed, time=time, merge=merge, verb=VERBS[part])
 
 
 def _above(prim: Usd.Prim, time: float | None) -> F64:
