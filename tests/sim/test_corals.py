@@ -236,3 +236,19 @@ def test_coral_grows_on_the_capture_within_its_relief(device) -> None:
     radius = np.linalg.norm(new.positions, axis=1)
     assert 1 + 0.5 * relief * spacing < radius.max() < 1 + 1.35 * relief * spacing
     assert (radius > 1 - 0.1 * relief * spacing).mean() > 0.97
+
+
+def test_one_layer_is_the_crust_alone(device) -> None:
+    """Oracle: the radius of the ball, from which a crust rises by less than a fifth of the longest
+    finger."""
+    spacing, relief = 0.12, 8.0
+    parameters = knobs(
+        rd={"enabled": True, "substeps": 1, "pattern_scale": spacing, "front_speed": 40.0,
+            "seeds": 2},
+        accretion={"enabled": True, "motif": "corals", "relief": relief, "layers": 1},
+        refine={"enabled": "off"},
+    )  # fmt: skip
+    frames = played(device, Written(ball(700), always(parameters=parameters)), 20)
+    new = edit.take(frames[-1].cloud, frames[-1].cloud.ids >= 700)
+    assert len(new) > 100 and (new.opacities > 0.5).any()
+    assert np.abs(np.linalg.norm(new.positions, axis=1) - 1).max() < 0.2 * relief * spacing

@@ -274,7 +274,8 @@ class Accretion:
             normals=at.normals, values=at.tones, heights=np.zeros(d, np.float32),
             facing=at.normals, over=kernels.VALLEY * spacing * (2 * at.open - 1),
         )  # fmt: skip
-        self._place_discs(state, rising, surface, knobs, now, colors)
+        if d:  # of one layer, there is the crust alone
+            self._place_discs(state, rising, surface, knobs, now, colors)
         thin = np.float32(knobs.thickness) * spacing
         state.rest_scales[rising, :2] *= at.spread[:, None] / spacing
         state.rest_scales[rising] = np.maximum(state.rest_scales[rising], thin)

@@ -284,8 +284,9 @@ def test_gloss_of_all_materials_is_one_note(stage):
         ("String", "1", "1"),
         ("Asset", Sdf.AssetPath("a.png"), "a.png"),
         ("FloatArray", [0.5] * 1000, "(0.5, 0.5, 0.5, 0.5, …)"),
-        ("StringArray", ["a"], "a"),
-        ("Color3fArray", [Gf.Vec3f(0.5)], "0.5"),
+        ("String", "a" * 1000, "aaa"),
+        ("StringArray", ["a"] * 1000, "a"),
+        ("Color3fArray", [Gf.Vec3f(0.5)] * 1000, "0.5"),
         ("Matrix4d", Gf.Matrix4d(1), "1"),
     ],
 )

@@ -251,10 +251,19 @@ def test_a_movie_without_ffmpeg_says_what_it_needs(
     ],
 )
 def test_a_flipbook_of_frames_without_end_is_refused(
-    window: Window, workspace: Workspace, first: str, last: str, step: str, words: str
+    window: Window,
+    workspace: Workspace,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    first: str,
+    last: str,
+    step: str,
+    words: str,
 ) -> None:
-    """Oracle: the sentence, by hand; the dialog stays, and holds no more frames than are allowed
-    and one."""
+    """Oracle: the sentence, by hand; the dialog stays, holds no more frames than are allowed and
+    one, and no picture is written."""
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
     press(window, "Ctrl+Shift+F")
     dialog = window.findChild(FlipbookDialog)
     wait_until(dialog.isActiveWindow)
@@ -263,6 +272,7 @@ def test_a_flipbook_of_frames_without_end_is_refused(
     QTest.mouseClick(dialog.buttons.button(QDialogButtonBox.StandardButton.Save), LEFT)
     wait_until(lambda: words in workspace.problems.sentence)
     assert dialog.isVisible() and len(dialog.frames()) <= 100_001
+    assert not list(Path.cwd().iterdir())
 
 
 def test_without_edits_save_says_so_before_it_asks_for_a_name(

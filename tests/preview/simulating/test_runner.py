@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pxr import Usd
+from pxr import Sdf, Usd
 
 from tests.delegate.stages import contents
 from tests.preview.simulating.hosts import Host, running, shot
@@ -61,6 +61,20 @@ def test_each_frame_on_the_stage_is_the_solvers(tmp_path: Path, values) -> None:
             assert bits(found) == bits(cloud)
             assert found.ids is None or (found.ids == cloud.ids).all()
         assert host.wakes >= 12
+
+
+def test_a_start_that_is_no_number_is_told_by_a_run(tmp_path: Path) -> None:
+    """Oracle: by hand: the stage opens, and the run names the attribute."""
+    stage = shot(tmp_path, PUSH)
+    (sim,) = (prim for prim in stage.Traverse() if prim.GetTypeName() == "SplatSim")
+    spec = stage.GetRootLayer().GetPrimAtPath(sim.GetPath())
+    name = "splatSim:sim:startTime"
+    Sdf.AttributeSpec(spec, name, Sdf.ValueTypeNames.String).default = "first"
+    with running(stage) as (host, runner):
+        assert (runner.status.state, runner.status.start) == ("ready", None)
+        runner.run()
+        status = host.wait(lambda event: event.state == "failed")
+        assert "splatSim:sim:startTime" in status.message
 
 
 def test_pause_step_and_reset(tmp_path: Path) -> None:

@@ -67,6 +67,8 @@ DIFFUSE = "diffuse-surfaces"
 """Code of the finding on these inputs, which a stage has once."""
 MOST_NUMBERS = 4
 """Count of the numbers of an array that a sentence has."""
+MOST_LETTERS = 60
+"""Length of a value of another kind there."""
 
 CURES = {
     "inputs:shaping:ies:file": "clear it, and shape the beam with inputs:shaping:cone:angle, "
@@ -267,7 +269,10 @@ def _text(value: Any) -> str:
     if isinstance(numbers, tuple):
         more = ", …" if len(numbers) > MOST_NUMBERS else ""
         return f"({', '.join(f'{each:g}' for each in numbers[:MOST_NUMBERS])}{more})"
-    return f"{numbers:g}" if isinstance(numbers, float) else str(numbers)
+    if isinstance(numbers, float):
+        return f"{numbers:g}"
+    text = str(numbers)
+    return text if len(text) <= MOST_LETTERS else f"{text[: MOST_LETTERS - 1]}…"
 
 
 def _plain(value: Any) -> Any:

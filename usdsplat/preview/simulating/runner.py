@@ -14,10 +14,11 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Sequence
+from numbers import Real
 from pathlib import Path
 from typing import Literal
 
-from pxr import Usd
+from pxr import Sdf, Usd
 
 from usdsplat.core.output import Existing
 from usdsplat.delegate.live_clouds import LiveClouds
@@ -313,8 +314,10 @@ def _state_of(live: LiveRun) -> State:
 
 
 def _start_of(simulations: Sequence[Usd.Prim]) -> float | None:
-    """Return the earliest start [time code]; None if one starts with the timeline."""
+    """Return the earliest start [time code]; None if one starts with the timeline. What is no
+    number is no start: a run says what is wrong with it."""
     name = f"{NAMESPACE}:sim:startTime"
     starts = [prim.GetAttribute(name).Get() if prim else None for prim in simulations]
-    known = [float(start) for start in starts if start is not None and math.isfinite(start)]
+    numbers = [float(each) for each in starts if isinstance(each, Sdf.TimeCode | Real)]
+    known = list(filter(math.isfinite, numbers))
     return min(known) if known and len(known) == len(starts) else None
