@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 
 from tests.sim.recipes import ARRAYS, Written, always, ball, knobs, played
+from tests.sim.sphere import front_from_above, sphere
 from usdsplat.core import edit
 from usdsplat.kernels.devices import open_device
 from usdsplat.sim.branches import THINNER, THINNEST, Branches, across, aside, passed, unit
 from usdsplat.sim.carriers import Carriers
 from usdsplat.sim.corals import FLARE, GROWING, RAISED, TAPER, Corals
 
-SPACING, SIZE, LAYERS, FULL = 0.05, 4.0, 6, 0.5
+SIZE, LAYERS, FULL = 4.0, 6, 0.5
 UP = np.float32((0, 1, 0))
 LATE = 100.0
 
@@ -26,7 +27,7 @@ def device(any_device):
 @pytest.fixture(scope="module")
 def carriers(device) -> Carriers:
     """Carriers on the unit sphere."""
-    return Carriers.of(device, ball(3000), distance=SPACING, seed=1)
+    return sphere(device)
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +39,7 @@ def corals(device, carriers) -> Corals:
 @pytest.fixture(scope="module")
 def arrival(carriers) -> np.ndarray:
     """A front from the highest point, which takes two seconds to the lowest."""
-    return np.float32(np.arccos(np.clip(carriers.positions[:, 1], -1, 1)) * 2 / np.pi)
+    return front_from_above(carriers)
 
 
 def made(device, carriers, allowed) -> Corals:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.sim.recipes import ball
+from tests.sim.sphere import SPACING, front_from_above, sphere
 from usdsplat.kernels.devices import open_device
 from usdsplat.sim.carriers import Carriers
 from usdsplat.sim.corals import Corals
@@ -13,7 +13,7 @@ from usdsplat.sim.motifs import Cells, Plates, sites_of
 from usdsplat.sim.needles import Needles
 from usdsplat.sim.vein_tree import Veins
 
-SPACING, SIZE = 0.05, 8.0
+SIZE = 8.0
 NEVER, LATE = np.inf, 100.0
 
 
@@ -26,13 +26,13 @@ def device(any_device):
 @pytest.fixture(scope="module")
 def carriers(device) -> Carriers:
     """Carriers on the unit sphere."""
-    return Carriers.of(device, ball(3000), distance=SPACING, seed=1)
+    return sphere(device)
 
 
 @pytest.fixture(scope="module")
 def arrival(carriers) -> np.ndarray:
     """A front from the highest point, which takes two seconds to the lowest."""
-    return np.float32(np.arccos(np.clip(carriers.positions[:, 1], -1, 1)) * 2 / np.pi)
+    return front_from_above(carriers)
 
 
 def test_sites_are_evenly_spaced(device, carriers) -> None:

@@ -14,7 +14,7 @@ from usdsplat.core.grade import Grade
 LIT = {"shadowed": "shadows of lights", "relit": "another light"}
 """Mode of `SplatLightingAPI` -> what a field asks for."""
 RELIGHT = "relight the splats to a layer with usdsplat relight, and convert that"
-"""Cure for light that is not applied."""
+"""Cure that findings give where a field asks for light that a file cannot hold."""
 
 
 def unapplied(prims: Iterable[Usd.Prim], time: float | None) -> Iterator[Finding]:

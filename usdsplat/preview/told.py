@@ -9,8 +9,9 @@ ALONE = "No other prim shadows this capture: it looks as captured unless Self sh
 
 
 def told(scenes: tuple[Scene, ...]) -> tuple[str, ...]:
-    """Return findings on the stage, a problem of a GPU, and light without an effect, as
-    sentences. Notes are left out: they ask for no action, and would hide what does."""
+    """Return the warnings and errors about a picture, as sentences: findings on the stage, problems
+    of the GPU, and lighting modes that change nothing. Notes are left out: they ask for no action,
+    and would hide sentences that do."""
     engine = scenes[0].engine
     said = [found.told for found in engine.findings if found.severity != "note"]
     if engine.remark:

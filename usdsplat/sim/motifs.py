@@ -40,7 +40,8 @@ class Look:
     piece: I32
     """Number of the cell, plate, needle, vein or colony, shape (c,)."""
     begun: npt.NDArray[np.bool_] | None = None
-    """Where splats of matter exist, shape (c,); None for where it has risen."""
+    """Whether splats of new matter exist on each carrier, shape (c,). None: they exist where `rise`
+    is above 0."""
 
 
 class Motif(Protocol):

@@ -264,7 +264,7 @@ def _expected(code: str, name: str) -> str:
 
 
 def _text(value: Any) -> str:
-    """Return a number, or several, in a few digits; of more than `MOST_NUMBERS` their first."""
+    """Return a value as text for a sentence. Long arrays and long texts are cut, with "…"."""
     numbers = _plain(value)
     if isinstance(numbers, tuple):
         more = ", …" if len(numbers) > MOST_NUMBERS else ""

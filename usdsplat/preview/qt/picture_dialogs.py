@@ -138,7 +138,7 @@ class FlipbookDialog(QDialog):
         self.hint.setVisible(is_still)
         self._context = context
         self._complaint = ""
-        """Sentence of the last problem with what was typed."""
+        """Error message that the dialog shows now; "" for none."""
         self.first, self.last, self.step = (
             NumberField(name) for name in ("First frame", "Last frame", "Step")
         )

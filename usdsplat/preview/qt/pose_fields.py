@@ -30,7 +30,7 @@ class Entry:
     path: str
     """Path of the prim."""
     pose: Pose
-    """The pose that was shown."""
+    """Pose that the fields showed when the number was entered."""
     part: Part
     axis: int
     """0 is x."""
@@ -43,9 +43,9 @@ class PoseFields(QWidget):
     """Three fields for each part of a pose; hidden for prims that cannot be moved."""
 
     entered = Signal(object)
-    """An `Entry`."""
+    """Emitted with an `Entry` when a number was entered."""
     refused = Signal(str)
-    """Error message if a text is not a number."""
+    """Emitted with an error message when a text is not a number."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)

@@ -42,7 +42,7 @@ class Hot:
     lights: tuple[str, ...] = ()
     """Paths of lights, all at one place."""
     outline: str = ""
-    """Path of what acts on a simulation, by a line of its outline; "" for none."""
+    """Path of the affector whose outline is at the place; "" for none."""
 
     @property
     def light(self) -> str:

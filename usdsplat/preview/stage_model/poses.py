@@ -95,7 +95,8 @@ def pose_of(matrix: F64, *, near: Pose | None = None) -> Pose:
 def pose_at(
     stage: Usd.Stage, path: str, *, time: float | None = None, near: Pose | None = None
 ) -> Pose | None:
-    """Return the pose of a prim at a time; None if it cannot be moved, or has no finite transform.
+    """Return the translation, rotation and scale of a prim at a time. None if the prim cannot be
+    moved or its transform is not finite.
 
     Raises:
         StageError: If USD does not know a transform op of the prim or of one above it.
