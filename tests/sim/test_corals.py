@@ -9,9 +9,10 @@ from tests.sim.recipes import ARRAYS, Written, always, ball, knobs, played
 from tests.sim.sphere import front_from_above, sphere
 from usdsplat.core import edit
 from usdsplat.kernels.devices import open_device
+from usdsplat.kernels.sim.branches import FLARE, RAISED, TAPER
 from usdsplat.sim.branches import THINNER, THINNEST, Branches, across, aside, passed, unit
 from usdsplat.sim.carriers import Carriers
-from usdsplat.sim.corals import FLARE, GROWING, RAISED, TAPER, Corals
+from usdsplat.sim.corals import GROWING, Corals
 
 SIZE, LAYERS, FULL = 4.0, 6, 0.5
 UP = np.float32((0, 1, 0))
@@ -153,9 +154,9 @@ def test_tips_are_pale_and_roots_are_deep(corals, carriers, arrival) -> None:
     at = corals.placed(carrier, layer, FULL, arrival, LATE)
     tip = (s > 0.98) & (own.lengths > 0.3)
     root = (s < 0.1) & (own.delays == 0)
-    assert at.tones[tip].min() > 0.9 and at.tint[tip].max() < 0.3
-    assert at.tones[root].max() < 0.4 and at.tint[root].min() > 0.9
-    assert at.open[root].max() < 0.6 < at.open[tip].min()
+    assert at.tones[tip].min() > 0.9 and at.tints[tip].max() < 0.3
+    assert at.tones[root].max() < 0.4 and at.tints[root].min() > 0.9
+    assert at.opened[root].max() < 0.6 < at.opened[tip].min()
 
 
 def test_branches_appear_behind_the_front_and_lengthen(corals, carriers, arrival) -> None:
@@ -198,7 +199,7 @@ def test_few_carriers_may_grow(device, carriers, arrival, count) -> None:
     carrier, layer = every(carriers, rows)
     at = corals.placed(carrier, layer, FULL, arrival, LATE)
     assert len(at.positions) == count * LAYERS
-    for values in (at.positions, at.normals, at.tones, at.open, at.spread):
+    for values in (at.positions, at.normals, at.tones, at.opened, at.spread):
         assert np.isfinite(values).all()
     assert (allowed[corals.branches.site] > 0).all() and bool(len(corals.branches)) == bool(count)
     if count:

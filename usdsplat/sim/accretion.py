@@ -37,6 +37,11 @@ MOTIFS: dict[str, Callable[[Device, Carriers, float, int], Motif]] = {
     "cells": Cells, "veins": Veins, "plates": Plates, "needles": Needles,
     "corals": Corals,
 }  # fmt: skip
+CHANGED = (
+    "rest_positions", "rest_rotations", "rest_scales", "rest_opacities", "rest_sh",
+    "rotations", "scales",
+)  # fmt: skip
+"""Arrays of the state that change with the discs, and that others may hold."""
 MOTIF_SEED = 7000
 """Added to the seed of the simulation."""
 SMOOTHINGS = 2
@@ -155,8 +160,11 @@ class Accretion:
             carriers[:, None].astype(np.int32), ((0, 0), (0, NEAREST - 1)), constant_values=-1
         )
         memory[WEIGHTS][first:] = np.eye(1, NEAREST, dtype=np.float32)
+        state.rest_sh[first:] = 0
 
-    def shape(self, state: State, uv: F32, knobs: AccretionParameters, seconds: float) -> None:
+    def shape(
+        self, state: State, uv: F32, knobs: AccretionParameters, seconds: float, *, is_new: bool
+    ) -> None:
         """Compute the rest values of all discs.
 
         Args:
@@ -164,10 +172,13 @@ class Accretion:
             uv: u and v of the carriers, shape (c, 2).
             knobs: Resolved knobs.
             seconds: Time since the simulation's start [s].
+            is_new: Whether the state's arrays are new, so that nothing else holds them. Others are
+                replaced.
         """
         rows = np.flatnonzero(state.memory[CARRIER] >= 0)
         if not len(rows):
             return
+        discs = _span(rows)
         device, run, c = self._device, self._device.run, self._carriers
         spacing, f = c.spacing, np.float32
         look: Look | None = None
@@ -186,12 +197,8 @@ class Accretion:
         )
         colors: F32 = device.empty((len(state), 3), np.float32)
         shared = state.sh is state.rest_sh
-        state.rest_rotations, state.rest_scales, state.rest_opacities, state.rest_sh = (
-            np.array(each)
-            for each in (
-                state.rest_rotations, state.rest_scales, state.rest_opacities, state.rest_sh,
-            )
-        )  # fmt: skip
+        for name in () if is_new else CHANGED:
+            setattr(state, name, getattr(state, name).copy())
         if isinstance(self._motif, Needles):
             self._place_needles(state, rows, knobs, seconds, colors)
         elif isinstance(self._motif, Veins):
@@ -206,20 +213,18 @@ class Accretion:
             else:
                 self._place_discs(state, rows, on, knobs, seconds, colors)
         if look is not None and knobs.tints:
-            piece = look.piece[state.memory[CARRIER][rows]]
+            piece = look.piece[state.memory[CARRIER][discs]]
             tints = self._tints(knobs, int(look.piece.max()) + 1)[piece]
-            colors[rows] *= tints if strength is None else 1 + strength[:, None] * (tints - 1)
-        state.rest_sh[rows] = 0
-        state.rest_sh[rows, 0] = rgb_to_dc(colors[rows])
-        # where nothing deforms splats, nothing else computes these; frames hold the old arrays
-        state.rotations, state.scales = state.rotations.copy(), state.scales.copy()
-        state.rotations[rows] = state.rest_rotations[rows]
-        state.scales[rows] = state.rest_scales[rows]
+            colors[discs] *= tints if strength is None else 1 + strength[:, None] * (tints - 1)
+        state.rest_sh[discs, 0] = rgb_to_dc(colors[discs])
+        # where nothing deforms splats, nothing else computes these
+        state.rotations[discs] = state.rest_rotations[discs]
+        state.scales[discs] = state.rest_scales[discs]
         if shared:
             state.sh = state.rest_sh
         else:
-            state.sh = state.sh.copy()
-            state.sh[rows] = state.rest_sh[rows]
+            state.sh = state.sh if is_new else state.sh.copy()
+            state.sh[discs] = state.rest_sh[discs]
 
     def _raised(self, uv: F32, knobs: AccretionParameters) -> tuple[F32, F32]:
         """Return the pattern's place on the ramp, and the heights [unit], both of shape (c,)."""
@@ -273,7 +278,7 @@ class Accretion:
         surface = _Ground(
             carrier=number, layer=np.zeros(len(state), np.int32), places=at.positions,
             normals=at.normals, values=at.tones, heights=np.zeros(d, np.float32),
-            facing=at.normals, over=kernels.VALLEY * spacing * (2 * at.open - 1),
+            facing=at.normals, over=kernels.VALLEY * spacing * (2 * at.opened - 1),
         )  # fmt: skip
         if d:  # of one layer, there is the crust alone
             self._place_discs(state, rising, surface, knobs, now, colors)
@@ -281,7 +286,7 @@ class Accretion:
         state.rest_scales[rising, :2] *= at.spread[:, None] / spacing
         state.rest_scales[rising] = np.maximum(state.rest_scales[rising], thin)
         state.rest_opacities[rising[at.spread <= 0]] = 0
-        strength[high] = at.tint
+        strength[high] = at.tints
         return strength
 
     def _place_needles(
@@ -349,6 +354,12 @@ class Accretion:
         least = 2 * knobs.upward - 1.4
         part = np.clip((facing - least) / 0.4, 0, 1)
         return (self._weight * part * part * (3 - 2 * part)).astype(np.float32)
+
+
+def _span(rows: I64) -> I64 | slice:
+    """Return ascending rows as a slice where none is missing, which takes less time."""
+    first, last = int(rows[0]), int(rows[-1])
+    return slice(first, last + 1) if last - first + 1 == len(rows) else rows
 
 
 def _has_motif(state: State, knobs: AccretionParameters) -> bool:

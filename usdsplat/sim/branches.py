@@ -10,10 +10,9 @@ import numpy.typing as npt
 
 from usdsplat.core.cloud import F32, I64
 from usdsplat.kernels.device import Device
+from usdsplat.kernels.sim.branches import TAPER
 from usdsplat.sim.motifs import drawn
 
-TAPER = 0.5
-"""Part of the radius that is lost up to the tip."""
 GOLDEN = 2.399963229728653
 """Angle [rad] by which successive points around a line are evenly spaced: the golden one."""
 THINNER = 0.9

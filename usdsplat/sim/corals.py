@@ -13,7 +13,9 @@ import numpy as np
 from usdsplat.core.cloud import F32, I32, I64
 from usdsplat.kernels.device import Device
 from usdsplat.kernels.points.nearest import nearest
-from usdsplat.sim.branches import GOLDEN, ORDERS, TAPER, Branches, across, aside, f32, sides, unit
+from usdsplat.kernels.sim import branches as kernels
+from usdsplat.kernels.sim.branches import TAPER
+from usdsplat.sim.branches import GOLDEN, ORDERS, Branches, across, aside, f32, sides, unit
 from usdsplat.sim.carriers import Carriers
 from usdsplat.sim.motifs import Look, drawn, noise, sites_of
 from usdsplat.sim.needles import ranked
@@ -38,15 +40,8 @@ LEAST = 0.36
 ALONE = (0.95, 0.35)
 """Distance from the middle of a colony, relative to that one, from which fingers are missing, and
 what part of them."""
-FLARE = 0.6
-"""Part of the radius by which a finger is wider at its root."""
-POLYPS, RAISED = 0.2, 0.16
-"""Part of the splats that are polyps, and how far these stand out, relative to the radius."""
-PALE = 0.12
-"""Length of the pale tip, relative to the longest finger."""
-DEEP = 0.28
-"""Distance from its root at which a finger leaves the shadow of its colony, relative to the
-longest."""
+POLYPS = 0.2
+"""Part of the splats that are polyps."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -59,9 +54,9 @@ class Places:
     """Unit normals of the surface, shape (d, 3)."""
     tones: F32
     """Place on the ramp, 0 at the root to 1 at the tip, shape (d,)."""
-    tint: F32
+    tints: F32
     """How much of the colony's tint a place has, 0 to 1: tips are pale, shape (d,)."""
-    open: F32
+    opened: F32
     """0 in the depth of a colony to 1, shape (d,)."""
     spread: F32
     """Mean distance of splats [unit], 0 where the branch has not begun, shape (d,)."""
@@ -126,7 +121,13 @@ class Corals:
         joined = Branches.joined(made)
         self.branches = joined.taken(np.argsort(joined.colony, kind="stable"))
         self._layers = layers
-        self._slots = self._numbered(count.astype(np.int64) * layers)
+        self._slots = s = self._numbered(count.astype(np.int64) * layers)
+        b = self.branches
+        for each in (
+            s.branch, s.part, s.ways, s.polyp, s.spread, b.roots, b.offsets, b.axes, b.bends,
+            b.lengths, b.radii, b.delays,
+        ):  # fmt: skip
+            self._device.keep(each)
 
     def at(self, arrival: F32, now: float) -> Look:
         """Return the look at a time: that of the crust. Splats of a whole colony exist once the
@@ -170,35 +171,19 @@ class Corals:
             arrival: Time at which the front reaches each carrier [s], shape (c,); inf for never.
             now: Time since the simulation's start [s].
         """
-        b, slots = self.branches, self._slots
-        slot = self._slot(carrier, layer)
-        part, polyp, row = slots.part[slot], slots.polyp[slot], slots.branch[slot]
-        own, grown = b.taken(row), b.grown(arrival[b.site], now)[row]
-        middle, along = own.line(part * grown)
-        out = unit(aside(slots.ways[slot], along))
-        wide = own.radii * (0.3 + 0.7 * grown)
-        root = (own.delays == 0) * FLARE * np.exp(-9 * part)
-        radius = wide * (1 - TAPER * part + root)
-        # the tip is a hemisphere
-        left = (1 - part) * own.lengths * grown
-        below = np.clip(left / np.maximum(wide * (1 - TAPER), 1e-9), 0, 1)
-        level = np.sqrt(1 - (1 - below) ** 2)
-        normals = level[:, None] * out + (1 - below)[:, None] * along
-        points = middle + (radius * level)[:, None] * out
-        points += (RAISED * polyp * wide * level)[:, None] * normals
-        high = np.sqrt((points**2).sum(axis=1))
-        pale = np.clip(1 - left / np.maximum(np.minimum(PALE, 0.4 * own.lengths), 1e-9), 0, 1)
-        white = pale * np.clip(own.lengths / 0.3, 0.3, 1)
-        tone = 0.12 + 0.5 * np.clip(high / 0.8, 0, 1) + 0.12 * polyp
-        spread = np.minimum(slots.spread[slot] * (1 - 0.45 * polyp), 1.1 * wide * (1 - TAPER))
-        return Places(
-            positions=f32(own.roots + full * points),
-            normals=f32(normals),
-            tones=f32(tone + (1 - tone) * white),
-            tint=f32(1 - 0.85 * white),
-            open=f32(np.clip(high / DEEP + pale, 0, 1)),
-            spread=f32(np.where(grown > 0, full * spread, 0)),
-        )
+        b, s, empty, d = self.branches, self._slots, self._device.empty, len(carrier)
+        made = Places(
+            positions=empty((d, 3), np.float32), normals=empty((d, 3), np.float32),
+            tones=empty(d, np.float32), tints=empty(d, np.float32),
+            opened=empty(d, np.float32), spread=empty(d, np.float32),
+        )  # fmt: skip
+        self._device.run(
+            kernels.place, self._slot(carrier, layer), s.branch, s.part, s.ways, s.polyp, s.spread,
+            b.grown(arrival[b.site], now), b.roots, b.offsets, b.axes, b.bends, b.lengths, b.radii,
+            b.delays, np.float32(full), made.positions, made.normals, made.tones, made.tints,
+            made.opened, made.spread,
+        )  # fmt: skip
+        return made
 
     def _fingers(self, allowed: F32, up: F32) -> Branches:
         """Return the branches that root on the surface."""

@@ -11,7 +11,7 @@ from usdsplat.core.cloud import F32, I32, SplatCloud
 from usdsplat.core.sh import dc_to_rgb
 from usdsplat.kernels.device import Device
 from usdsplat.kernels.sim import following as kernels
-from usdsplat.sim.carriers import Binding, Carriers
+from usdsplat.sim.carriers import NEAR, Binding, Carriers
 from usdsplat.sim.infill import Infill
 from usdsplat.sim.masks import Masks
 from usdsplat.sim.materials import breaks, resolved
@@ -24,6 +24,7 @@ from usdsplat.sim.timeline import Step
 
 AROUND = 8
 """Number of splats around a carrier of which its colour is the mean."""
+NOTHING = (None, None, None, None)
 _MATTER = "matter:"
 """Start of the keys in `State.globals`."""
 
@@ -93,6 +94,9 @@ class MatterField:
         colors = carrier_colors(device, recipe.rest, carriers)
         self.matter = Matter(device, carriers, self._recipe.selection, colors, first)
         """The carriers as particles."""
+        self._followed: tuple[Any, Any, Any, Any] = NOTHING
+        """What the last call of `place` moved the splats by, see `_followers`, and the gradients of
+        that motion."""
         knobs = resolved(first.parameters.matter)
         self.filling: Infill | None = None
         """What fills pieces that break off; None for matter that does not break into pieces."""
@@ -149,10 +153,11 @@ class MatterField:
             wanted: Target positions [unit], shape (n, 3).
             seconds: Time since the last frame [s].
         """
-        device = self._device
+        device, total = self._device, self._undeformed(len(state))
         device.keep(wanted)
         positions, velocities = device.copied(wanted), device.copied(state.velocities)
-        self.matter.follow(Binding.kept(state), moment, positions)
+        self.matter.follow(Binding.kept(state), moment, positions, total)
+        self._followed = (*self._followers(state, wanted), total)
         device.run(
             kernels.arrive, state.positions, state.flags, FREE, np.float32(seconds), positions,
             velocities,
@@ -170,13 +175,25 @@ class MatterField:
             gradient: Gradients of the deformation to there, shape (n, 3, 3); None without any.
         """
         device = self._device
-        if gradient is None:
-            total = device.resident((len(state), 3, 3), np.float32)
-            device.run(kernels.undeformed, total)
-        else:
-            total = device.move(gradient)
+        *held, total = self._followed
+        now = self._followers(state, wanted)
+        if gradient is None and all(a is b for a, b in zip(held, now, strict=True)):
+            self._followed = NOTHING  # the caller may change it
+            return total
+        total = self._undeformed(len(state)) if gradient is None else device.move(gradient)
         self.matter.follow(Binding.kept(state), moment, device.copied(wanted), total)
         return total
+
+    def _undeformed(self, count: int) -> Any:
+        """Return new gradients without deformation, shape (count, 3, 3)."""
+        total = self._device.resident((count, 3, 3), np.float32)
+        self._device.run(kernels.undeformed, total)
+        return total
+
+    def _followers(self, state: State, wanted: F32) -> tuple[Any, Any, Any]:
+        """Return what the motion of the splats depends on: arrays that are never changed in
+        place."""
+        return self.matter.particles.positions, wanted, state.memory[NEAR]
 
     def remember(self, state: State) -> None:
         """Add to the state what `restore` needs."""

@@ -6,6 +6,7 @@ time since birth or since dying began, see `fades`.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -165,7 +166,7 @@ def append(state: State, parents: I64, *, now: float) -> None:
         now: Time since the simulation's start [s].
     """
     n, ids = len(state), state.ids
-    _take(state, np.concatenate([np.arange(n), parents]))
+    _replace(state, lambda array: np.concatenate((array, array.take(parents, axis=0))))
     state.ids[n:] = state.next_id + np.arange(len(parents))
     state.next_id += len(parents)
     state.parents[n:] = ids[parents]
@@ -203,7 +204,8 @@ def deaths(state: State, growth: GrowthParameters, *, now: float, dt: float) -> 
     if not is_gone.any():
         return None
     left: I64 = np.flatnonzero(~is_gone).astype(np.int64)
-    _take(state, left)
+    # `take` releases the GIL, indexing does not
+    _replace(state, lambda array: array.take(left, axis=0))
     return left
 
 
@@ -218,7 +220,8 @@ def join(state: State, cloud: SplatCloud, *, now: float) -> None:
         now: Time since the simulation's start [s].
     """
     n, m = len(state), len(cloud)
-    _take(state, np.concatenate([np.arange(n), np.zeros(m, np.int64)]))
+    first = np.zeros(m, np.int64)
+    _replace(state, lambda array: np.concatenate((array, array.take(first, axis=0))))
     sh = padded(cloud.sh, state.rest_sh.shape[1])
     given = {
         "positions": cloud.positions, "rotations": cloud.rotations, "scales": cloud.scales,
@@ -275,12 +278,11 @@ def _remembered(state: State, key: str, first: float | np.float32) -> F32:
     return array
 
 
-def _take(state: State, rows: npt.NDArray[np.integer]) -> None:
-    """Replace all arrays of the state by these rows; `sh` stays the same array as `rest_sh` if it
-    was."""
+def _replace(state: State, change: Callable[[npt.NDArray[Any]], npt.NDArray[Any]]) -> None:
+    """Replace all arrays of the state by a function of each; `sh` stays the same array as `rest_sh`
+    if it was."""
     shared = state.sh is state.rest_sh
-    # `take` releases the GIL, indexing does not
-    arrays = {n: a.take(rows, axis=0) for n, a in state.per_splat() if not (shared and n == "sh")}
+    arrays = {n: change(array) for n, array in state.per_splat() if not (shared and n == "sh")}
     if shared:
         arrays["sh"] = arrays["rest_sh"]
     state.replace_rows(arrays)

@@ -295,17 +295,17 @@ class Solver:
             if self._uses.needs_neighbors:
                 self._pattern.update_density(state, moment)
                 self._lap("neighbours")
-        if self._is_fixed:
+        rises, accretes = reacts and growth.rate, reacts and is_first and self._uses.accretes
+        if self._is_fixed or not (rises or accretes or self._uses.breeds):
             return started
         off = state.positions - self._targets
-        mask = self._factor(moment, "growth:rate")
-        factor = _product(influence.growth, _product(state.weight, mask))
-        if reacts and growth.rate:
+        if rises:
+            mask = self._factor(moment, "growth:rate")
             population.grow(
                 self._device, state, growth, dt=step.dt, normals=self._pattern.normals(state),
-                rate_factor=factor,
+                rate_factor=_product(influence.growth, _product(state.weight, mask)),
             )  # fmt: skip
-        if self._uses.accretes and is_first and reacts:
+        if accretes:
             for source in accrete(self._parts, state, moment, step):
                 off, started = self._selected(source, off, started)
             self._lap("new matter")
@@ -327,7 +327,7 @@ class Solver:
     def _selected(self, rows: I64, *arrays: F32) -> Iterator[F32]:
         """Yield rows of arrays, and keep the effects of affectors at these rows."""
         self._influence = self._influence.selected(rows)
-        return (array[rows] for array in arrays)
+        return (array.take(rows, axis=0) for array in arrays)
 
     def _dissolving(self, moment: Moment) -> Dissolve | None:
         """Return the active dissolve or assemble, or None."""

@@ -103,7 +103,7 @@ def rotate_harmonics(
         gradient: F of each splat, shape (n, 3, 3), an array of the host or of the device.
         rest_sh: Coefficients at rest, shape (n, k, 3) with k = 1, 4, 9, 16 or 25.
         sh: Coefficients before, which may be `rest_sh` itself; not changed.
-        turned: 1 for each row of `sh` that may differ from rest, updated in place, shape (n,).
+        turned: 1 for each row of `sh` that may differ from rest, replaced in place, shape (n,).
         min_angle: Splats that turn by less [deg] get their values at rest.
 
     Returns:
@@ -122,6 +122,6 @@ def rotate_harmonics(
     if count == 0 and not turned.any():
         return sh, 0
     device.keep(rest_sh)
-    out = device.copied(sh)
+    out = device.resident(sh.shape, np.float32)
     device.run(harmonics.rotate, turns, rest_sh, out, turned)
     return device.publish(out), count

@@ -40,7 +40,7 @@ def accrete(parts: Parts, state: State, moment: Moment, step: Step) -> list[I64]
         population.append(state, rows, now=step.now)
         accretion.bind(state, carriers, knobs)
         parts.target_pose.append_children(rows, state)
-    accretion.shape(state, uv, knobs, step.now)
+    accretion.shape(state, uv, knobs, step.now, is_new=bool(changes))
     return changes
 
 

@@ -354,18 +354,17 @@ def rotate(first, last, values, rotations, rest, out, turned):
         rotations: Results of `turns`, shape (n, 4).
         rest: Shape (n, k, 3), k = 4, 9, 16 or 25.
         out: Receives coefficients, shape (n, k, 3).
-        turned: 1 where `out` may differ from rest, from the call before and updated, shape (n,) u8.
+        turned: Receives 1 where `out` may differ from rest, else 0, shape (n,) u8.
     """
     count = rest.shape[1]
     for i in range(first, last):
         w, x, y, z = rotations[i, 0], rotations[i, 1], rotations[i, 2], rotations[i, 3]
         turns_now = (x != ZERO) | (y != ZERO) | (z != ZERO)
         if not turns_now:
-            if turned[i] != 0:
-                for k in range(count):
-                    for c in range(3):
-                        out[i, k, c] = rest[i, k, c]
-                turned[i] = 0
+            turned[i] = 0
+            for k in range(count):
+                for c in range(3):
+                    out[i, k, c] = rest[i, k, c]
             continue
         turned[i] = 1
         r = quat_matrix(w, x, y, z)

@@ -6,6 +6,7 @@ the name `rd:someName` on the command line, and `parameters.rd.some_name` here.
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -149,6 +150,7 @@ def masked_parameters() -> tuple[str, ...]:
     )
 
 
+@functools.cache
 def camel(name: str) -> str:
     """Return a name in USD's spelling: `pattern_scale` is `patternScale`."""
     first, *rest = name.split("_")
