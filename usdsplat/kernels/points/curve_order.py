@@ -10,7 +10,7 @@ from usdsplat.kernels.device import Device
 
 STRAY = 0.004
 """Fraction of the points, at either end of each axis, that share the cells at the edge."""
-FEW = 100_000
+FEW = 20_000
 """About how many points are sampled to find the bounds of most of them."""
 
 
