@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from usdsplat.core.cloud import F32, I32, I64
 from usdsplat.kernels.device import Device
-from usdsplat.kernels.points.cells import into_cells
+from usdsplat.kernels.points.cells import Cells, into_cells
 from usdsplat.kernels.points.nearest import nearest
 from usdsplat.kernels.sim import grid, lists
 from usdsplat.sim.parameters import NeighborsParameters
@@ -54,6 +54,27 @@ class Graph:
     """Lists that were longer than `k_max` and lost their farthest neighbours."""
     build: int
     """Number of builds so far. Graphs of the same build differ in positions and radii only."""
+
+
+class _Slots(NamedTuple):
+    """n splats in the order of their cells. Arrays are the device's, except `order`."""
+
+    cells: Cells
+    order: I32
+    """Row of each slot, shape (n,)."""
+    rank: Any
+    """Slot of each row, shape (n,)."""
+    positions: Any
+    """Position of each slot [unit], shape (n, 3)."""
+    radii: Any
+    """Radius of each slot, clamped [unit], shape (n,)."""
+
+    def twins(self, device: Device) -> Flags:
+        """Return which slots share their position with another one, shape (n,)."""
+        out = device.resident(len(self.order), np.bool_)
+        how = self.cells.start, self.cells.inverse, self.cells.bits
+        device.run(lists.coincident, self.positions, *how, out)
+        return device.fetch(out)
 
 
 class Neighbors:
@@ -155,11 +176,12 @@ class Neighbors:
     def _build(self, positions: F32, support: F32, builds: int) -> Graph:
         self.limits = _limits(self.parameters, support)
         self._twins = np.zeros(len(positions), np.bool_)
-        graph, twins = self._lists(positions, support, builds + 1)
+        slots = self._slots(positions, support)
+        twins = slots.twins(self.device)
         if twins.any():
-            self._twins = twins[graph.rank]
-            graph, _ = self._lists(positions, support, builds + 1)
-        self._graph = graph
+            self._twins = twins[self.device.fetch(slots.rank)]
+            slots = self._slots(positions, support)
+        self._graph = graph = self._lists(slots, builds + 1)
         self._built = positions.copy(), support.copy(), self.parameters
         self._latest = self._built[:2]
         return graph
@@ -204,18 +226,22 @@ class Neighbors:
         self.device.run(lists.separate, positions, radii, self.seed, self._twins, out)
         return out
 
-    def _lists(self, positions: F32, support: F32, build: int) -> tuple[Graph, Flags]:
-        """Build a graph, and return which slots share their position with another one."""
-        n, device = len(positions), self.device
-        widest, edge = self._reach(support)
-        apart = device.move(self._apart(positions, support))
-        cells = into_cells(device, apart, edge)
-        order = device.publish(cells.order)
-        slots = self._in_slots(apart, support, device.keep(order))
-        rank, place, radius = (device.publish(each) for each in slots)
-        reach = device.move(radius * np.float32(1 + self.parameters.skin))
+    def _slots(self, positions: F32, support: F32) -> _Slots:
+        """Sort splats by cell, coincident ones separated a little."""
+        apart = self.device.move(self._apart(positions, support))
+        cells = into_cells(self.device, apart, self._edge(support))
+        order = self.device.publish(cells.order)
+        slots = self._in_slots(apart, support, self.device.keep(order))
+        return _Slots(cells, order, *slots)
+
+    def _lists(self, slots: _Slots, build: int) -> Graph:
+        """Build a graph."""
+        n, device, cells = len(slots.order), self.device, slots.cells
+        rank, place, radius = map(device.publish, (slots.rank, slots.positions, slots.radii))
+        skin = 1.0 + self.parameters.skin
+        widest = float(radius.max(initial=0)) * skin * (1 + 1e-6) if self.symmetric else 0.0
+        reach = device.move(radius * np.float32(skin))
         k_max = self.parameters.k_max
-        twins = np.empty(n, np.bool_)
         rows = np.zeros(n + 1, np.int64)
         wave = max(1, WAVE // (k_max * grid.BLOCK))
         blocks = math.ceil(n / grid.BLOCK)
@@ -226,8 +252,8 @@ class Neighbors:
             begin, end = first * grid.BLOCK, min(n, (first + count) * grid.BLOCK)
             cut = np.empty(count, np.int64)
             device.run(
-                lists.search, slots[1], reach, np.float32(widest if self.symmetric else 0),
-                cells.start, cells.inverse, cells.bits, k_max, begin, found, rows[1:], cut, twins,
+                lists.search, slots.positions, reach, np.float32(widest), cells.start,
+                cells.inverse, cells.bits, k_max, begin, found, rows[1:], cut,
             )  # fmt: skip
             piece = device.resident(int(rows[begin + 1 : end + 1].sum()), np.int32)
             local = np.zeros(end - begin + 1, np.int64)
@@ -236,8 +262,8 @@ class Neighbors:
             pieces.append(device.publish(piece))
             dropped += int(cut.sum())
         np.cumsum(rows, out=rows)
-        graph = Graph(
-            order=order,
+        return Graph(
+            order=slots.order,
             rank=rank,
             rows=rows,
             neighbors=pieces[0] if len(pieces) == 1 else np.concatenate([NOBODY, *pieces]),
@@ -246,15 +272,10 @@ class Neighbors:
             dropped=dropped,
             build=build,
         )
-        return graph, twins
 
-    def _reach(self, support: F32) -> tuple[float, float]:
-        """Return the largest radius with its skin, and the cell size that suits most radii
-        [unit]."""
-        clamped = self.clamped(support)
-        skin = 1.0 + self.parameters.skin
-        middle = _median(clamped) or 1.0
-        return float(clamped.max(initial=0)) * skin * (1 + 1e-6), middle * skin
+    def _edge(self, support: F32) -> float:
+        """Return the cell size that suits most radii [unit]."""
+        return (_median(self.clamped(support)) or 1.0) * (1.0 + self.parameters.skin)
 
 
 def _even(radius: float) -> float:

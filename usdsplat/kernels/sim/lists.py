@@ -17,7 +17,7 @@ from usdsplat.kernels.jit import exact, parallel, scalar, serial
 from usdsplat.kernels.launch import kernel, reduction
 
 from . import philox
-from .grid import BLOCK, cell_of, span, squared_distance
+from .grid import BLOCK, cell_of, key_of, span, squared_distance
 
 ROOM = 2048
 """Largest number of hits kept before distant ones are dropped; more than twice the longest list."""
@@ -111,10 +111,8 @@ def keep_nearest(positions, slot, hits, count, k, ranks, distance):
         kept += ranks[count + m] <= limit
 
 
-@parallel(writes=("found", "counts", "dropped", "twins"), gpu="sim.lists.search")
-def search(
-    positions, reach, widest, start, inverse, bits, k_max, begin, found, counts, dropped, twins
-):
+@parallel(writes=("found", "counts", "dropped"), gpu="sim.lists.search")
+def search(positions, reach, widest, start, inverse, bits, k_max, begin, found, counts, dropped):
     """Find the neighbours of the slots from `begin` on, for as many blocks as `dropped` has
     entries.
 
@@ -132,7 +130,6 @@ def search(
             its first row on: (blocks * BLOCK * k_max,) i32.
         counts: Receives lengths, (n,) i64.
         dropped: Receives the number of lists that were too long, (blocks,) i64.
-        twins: Receives whether another point is at the same position, (n,) bool.
     """
     n = positions.shape[0]
     bx, by, bz = bits
@@ -145,7 +142,6 @@ def search(
         for i in range(begin + b * BLOCK, min(n, begin + (b + 1) * BLOCK)):
             x, y, z, h = positions[i, 0], positions[i, 1], positions[i, 2], reach[i]
             counts[i] = 0
-            twins[i] = False
             if not (math.isfinite(x + y + z) and math.isfinite(h) and h > 0):
                 continue
             h2 = h * h
@@ -153,7 +149,7 @@ def search(
             xa, xb, xc, xd = span(cell_of(x - far, inverse), cell_of(x + far, inverse), bx)
             ya, yb, yc, yd = span(cell_of(y - far, inverse), cell_of(y + far, inverse), by)
             za, zb, zc, zd = span(cell_of(z - far, inverse), cell_of(z + far, inverse), bz)
-            m, same = NONE, NONE
+            m = NONE
             cut = False
             for p in range((zb - za) + (zd - zc)):
                 wz = za + p if za + p < zb else zc + p - (zb - za)
@@ -173,7 +169,6 @@ def search(
                                     limit = max(h2, reach[c] * reach[c])
                                     hits[m] = c
                                     m += np.uint64((d2 > 0) & (d2 < limit))
-                                    same += np.uint64(d2 == 0)
                             else:
                                 for c in range(j, stop):
                                     d2 = squared_distance(
@@ -181,7 +176,6 @@ def search(
                                     )
                                     hits[m] = c
                                     m += np.uint64((d2 > 0) & (d2 < h2))
-                                    same += np.uint64(d2 == 0)
                             j = stop
                             if m == FULL:
                                 keep_nearest(positions, i, hits, m, k_max, ranks, distance)
@@ -192,7 +186,6 @@ def search(
                 m = np.uint64(k_max)
                 cut = True
             overflows += cut
-            twins[i] = same > 1
             counts[i] = m
             for c in range(np.int64(m)):
                 found[out + c] = hits[c]
@@ -214,6 +207,28 @@ def pack(found, k_max, blocks, rows, neighbors):
         source = b * BLOCK * k_max - rows[b * BLOCK]
         for e in range(rows[b * BLOCK], rows[min(m, (b + 1) * BLOCK)]):
             neighbors[e] = found[source + e]
+
+
+@kernel(over="positions", writes=("out",))
+def coincident(i, positions, start, inverse, bits, out):
+    """Find out whether another point is at the same position.
+
+    Args:
+        positions: Position of each slot, (n, 3) f32.
+        start: First slot of each cell, from `sort_cells`.
+        inverse, bits: Parameters of the grid.
+        out: Receives it for each slot, (n,) bool.
+    """
+    x, y, z = positions[i, 0], positions[i, 1], positions[i, 2]
+    out[i] = False
+    if not (math.isfinite(x) and math.isfinite(y) and math.isfinite(z)):
+        return
+    bx, by, bz = bits
+    key = key_of(cell_of(x, inverse), cell_of(y, inverse), cell_of(z, inverse), bx, by, bz)
+    for c in range(start[key], start[key + 1]):
+        if positions[c, 0] == x and positions[c, 1] == y and positions[c, 2] == z and c != i:
+            out[i] = True
+            return
 
 
 @kernel(over="positions", writes=("out",))

@@ -64,15 +64,14 @@ def _scan(positions, reach, widest, start, spans, bits, i, limit, begin, found):
     found: Receives the neighbours from `begin` on, as far as there is space; may be empty.
 
     Returns:
-        the number of these neighbours, and the number of points at the same position, including
-        this point.
+        the number of these neighbours.
     """
     x, y, z, h = positions[i, 0], positions[i, 1], positions[i, 2], reach[i]
     h2 = libdevice.fmul_rn(h, h)
     xa, xb, xc, xd = spans[0]
     ya, yb, yc, yd = spans[1]
     za, zb, zc, zd = spans[2]
-    hits, same = np.int64(0), np.int64(0)
+    hits = np.int64(0)
     for p in range((zb - za) + (zd - zc)):
         for q in range((yb - ya) + (yd - yc)):
             row = _row(spans, bits, p, q)
@@ -85,25 +84,23 @@ def _scan(positions, reach, widest, start, spans, bits, i, limit, begin, found):
                     if widest > np.float32(0):
                         other = reach[c]
                         within = max(h2, libdevice.fmul_rn(other, other))
-                    same += np.int64(1 if d2 == np.float32(0) else 0)
                     if d2 > np.float32(0) and d2 < within and _rank(d2, c) <= limit:
                         if begin + hits < found.shape[0]:
                             found[begin + hits] = np.int32(c)
                         hits += np.int64(1)
-    return hits, same
+    return hits
 
 
 @kernel
 def _search(
     positions, reach, widest, start, inverse, bits, k_max, begin, end, found, nothing, counts,
-    dropped, twins,
+    dropped,
 ):  # fmt: skip
     i = begin + cuda.grid(1)
     if i >= end:
         return
     x, y, z, h = positions[i, 0], positions[i, 1], positions[i, 2], reach[i]
     counts[i] = 0
-    twins[i] = False
     total = x + y + z
     finite = total - total == np.float32(0) and h - h == np.float32(0)
     if not (finite and h > np.float32(0)):
@@ -113,27 +110,26 @@ def _search(
     every = np.uint64(0xFFFFFFFFFFFFFFFF)
     first = (i - begin) * k_max
     room = found[first : first + k_max]
-    hits, same = _scan(positions, reach, widest, start, spans, bits, i, every, np.int64(0), room)
-    twins[i] = same > 1
+    hits = _scan(positions, reach, widest, start, spans, bits, i, every, np.int64(0), room)
     if hits > k_max:
         # Find the largest limit with at most k_max neighbours, bit by bit.
         limit = np.uint64(0)
         for bit in range(2 * _BITS - 1, -1, -1):
             trial = limit | (np.uint64(1) << np.uint64(bit))
-            at_most, _ = _scan(
+            at_most = _scan(
                 positions, reach, widest, start, spans, bits, i, trial - np.uint64(1),
                 np.int64(0), nothing,
             )  # fmt: skip
             if at_most < k_max:
                 limit = trial
-        hits, _ = _scan(positions, reach, widest, start, spans, bits, i, limit, np.int64(0), room)
+        hits = _scan(positions, reach, widest, start, spans, bits, i, limit, np.int64(0), room)
         cuda.atomic.add(dropped, (i - begin) // BLOCK, 1)
     counts[i] = hits
 
 
 def search(
     device: CudaDevice, positions, reach, widest, start, inverse, bits, k_max, begin, found,
-    counts, dropped, twins,
+    counts, dropped,
 ):  # fmt: skip
     """Find neighbours as `kernels.sim.lists.search` does, but with the layout of `found` described
     above."""
@@ -143,7 +139,7 @@ def search(
     if end > begin:
         _search[-(-(end - begin) // THREADS), THREADS, device.stream](
             positions, reach, widest, start, inverse, bits, k_max, begin, end, found,
-            device.borrow("search: nothing", 1, np.int32), counts, dropped, twins,
+            device.borrow("search: nothing", 1, np.int32), counts, dropped,
         )  # fmt: skip
 
 
