@@ -203,10 +203,10 @@ def test_the_look_in_flight_follows_births_and_deaths(device):
     select = np.float32(rng.uniform(0.1, 1, 300))
     slow = knobs(conform={**SOON, "weight": 0.7, "duration": 1.0, "stagger": 1.0})
     ids = np.arange(300)
+    order = np.float32(rng.permutation(ids) / 299)  # neighbours are torn apart
     conform = TransportConform(
-        device, rest, carriers, ids=ids, select=select, order=np.float32(ids / 299), up=(0, 1, 0),
-        parameters=slow,
-    )  # fmt: skip
+        device, rest, carriers, ids=ids, select=select, order=order, up=(0, 1, 0), parameters=slow
+    )
 
     def shown(now, some, rows):
         clouds = edit.take(rest, rows)
@@ -217,11 +217,11 @@ def test_the_look_in_flight_follows_births_and_deaths(device):
     conform.apply(target, 1.0, slow.conform, rest.positions.copy())
     whole = shown(1.0, conform, ids)
     assert (whole.scales != rest.scales).any()
-    rows = np.concatenate([ids[::3], ids[:50]])
+    rows, few = np.concatenate([ids[::3], ids[:50]]), ids[:15:3]
     for found in (conform.selected(rows), conform.selected(ids[::3]).extended(
-        np.arange(5), rest.positions[:5], rest.rotations[:5], rest.scales[:5], ids[:5]
+        np.arange(5), rest.positions[few], rest.rotations[few], rest.scales[few], ids[:5]
     )):  # fmt: skip
-        own = rows if len(found) == len(rows) else np.concatenate([ids[::3], ids[:15:3]])
+        own = rows if len(found) == len(rows) else np.concatenate([ids[::3], few])
         assert np.array_equal(shown(1.0, found, own).scales, whole.scales[own])
     conform.apply(target, 5.0, slow.conform, rest.positions.copy())
     assert shown(5.0, conform, ids).scales.tobytes() == rest.scales.tobytes()
