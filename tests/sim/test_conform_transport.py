@@ -228,3 +228,19 @@ def test_the_look_in_flight_follows_births_and_deaths(device):
     conform.apply(target, 1.0, slow.conform, rest.positions.copy())
     conform.pause()
     assert shown(1.0, conform, ids).scales.tobytes() == rest.scales.tobytes()
+
+
+@pytest.mark.parametrize(("order", "is_torn"), [("distance", False), ("random", True)])
+def test_what_is_not_torn_keeps_its_look_in_flight(device, order, is_torn):
+    """Oracle: the splats before: a ball that grows evenly keeps its neighbours together halfway,
+    unless its splats start at random."""
+    rest, parameters = ball(300), knobs(conform={**SOON, "duration": 2.0, "order": order})
+    conform = TransportConform(
+        device, rest, Carriers.of(device, rest, seed=1), ids=np.arange(300), order=None,
+        select=np.ones(300, np.float32), up=(0, 1, 0), parameters=parameters,
+    )  # fmt: skip
+    conform.apply(sphere(3, 2.0), 1.0, parameters.conform, rest.positions.copy())
+    frame = Frame(time=1.0, cloud=rest, uv=np.zeros((0, 2)), births=np.zeros(0))
+    cloud = conform.finished(frame).cloud
+    assert (cloud.scales != rest.scales).any() == is_torn
+    assert (cloud.sh != rest.sh).any() == is_torn
