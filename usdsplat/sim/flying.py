@@ -45,13 +45,16 @@ class Flight:
 
     def seen(self, cloud: SplatCloud) -> SplatCloud:
         """Return the splats of the frame with the look of their flight."""
-        rows, p = self.rows, self.part
-        grain = ramp(p, 0, TAKES_OFF) * ramp(1 - p, 0, 1 - LANDS)
+        grain = ramp(self.part, 0, TAKES_OFF) * ramp(1 - self.part, 0, 1 - LANDS)
         grain *= ramp(self.stretch, WHOLE, TORN)
+        torn = np.flatnonzero(grain > 0)
+        if not len(torn):
+            return cloud
+        rows, p, grain, stretch = self.rows[torn], self.part[torn], grain[torn], self.stretch[torn]
         sizes = np.maximum(cloud.scales[rows], np.float32(1e-12))
         largest = sizes.max(axis=1)
         middle = np.maximum(sizes.sum(axis=1) - largest - sizes.min(axis=1), np.float32(1e-12))
-        grown = np.clip(self.stretch, 1, MOST_GROWTH)
+        grown = np.clip(stretch, 1, MOST_GROWTH)
         first, last = (np.float32(LARGEST * each) for each in self.spacings)
         round_ = grown * np.minimum(np.sqrt(largest * middle), first * (1 - p) + last * p)
         scales, opacities, sh = cloud.scales.copy(), cloud.opacities.copy(), cloud.sh.copy()
@@ -60,7 +63,7 @@ class Flight:
         whole = OPAQUE * ramp(opacities[rows], low, high)
         opacities[rows] += grain * (whole.astype(np.float32) - opacities[rows])
         colors = sh[rows] * (1 - grain)[:, None, None]
-        colors[:, 0] += grain[:, None] * self.colors
+        colors[:, 0] += grain[:, None] * self.colors[torn]
         sh[rows] = colors
         return replace(cloud, scales=scales, opacities=opacities, sh=sh)
 

@@ -138,9 +138,11 @@ class Sheet:
         """Return the mean colours of a cloud around points, coefficients of degree 0, (c, 3)."""
         near = self.bind(device, cloud.positions).near[:, 0]
         away = np.linalg.norm(cloud.positions - self.positions[near], axis=1) / self.spacing
-        weight = cloud.opacities * np.exp(-np.square(away)) + 1e-9
-        total = np.bincount(near, weight, len(self))
         base = cloud.sh[:, 0].astype(np.float64)
+        sound = np.isfinite(away) & np.isfinite(base).all(axis=1) & np.isfinite(cloud.opacities)
+        weight = np.where(sound, cloud.opacities * np.exp(-np.square(away)) + 1e-9, 0)
+        base[~sound] = 0
+        total = np.bincount(near, weight, len(self))
         sums = [np.bincount(near, weight * base[:, channel], len(self)) for channel in range(3)]
         own = np.stack(sums, axis=1)
         weights = self.weights.astype(np.float64)
