@@ -203,10 +203,10 @@ def test_the_look_in_flight_follows_births_and_deaths(device):
     select = np.float32(rng.uniform(0.1, 1, 300))
     slow = knobs(conform={**SOON, "weight": 0.7, "duration": 1.0, "stagger": 1.0})
     ids = np.arange(300)
+    order = np.float32(rng.permutation(ids) / 299)  # neighbours are torn apart
     conform = TransportConform(
-        device, rest, carriers, ids=ids, select=select, order=np.float32(ids / 299), up=(0, 1, 0),
-        parameters=slow,
-    )  # fmt: skip
+        device, rest, carriers, ids=ids, select=select, order=order, up=(0, 1, 0), parameters=slow
+    )
 
     def shown(now, some, rows):
         clouds = edit.take(rest, rows)
@@ -217,14 +217,30 @@ def test_the_look_in_flight_follows_births_and_deaths(device):
     conform.apply(target, 1.0, slow.conform, rest.positions.copy())
     whole = shown(1.0, conform, ids)
     assert (whole.scales != rest.scales).any()
-    rows = np.concatenate([ids[::3], ids[:50]])
+    rows, few = np.concatenate([ids[::3], ids[:50]]), ids[:15:3]
     for found in (conform.selected(rows), conform.selected(ids[::3]).extended(
-        np.arange(5), rest.positions[:5], rest.rotations[:5], rest.scales[:5], ids[:5]
+        np.arange(5), rest.positions[few], rest.rotations[few], rest.scales[few], ids[:5]
     )):  # fmt: skip
-        own = rows if len(found) == len(rows) else np.concatenate([ids[::3], ids[:15:3]])
+        own = rows if len(found) == len(rows) else np.concatenate([ids[::3], few])
         assert np.array_equal(shown(1.0, found, own).scales, whole.scales[own])
     conform.apply(target, 5.0, slow.conform, rest.positions.copy())
     assert shown(5.0, conform, ids).scales.tobytes() == rest.scales.tobytes()
     conform.apply(target, 1.0, slow.conform, rest.positions.copy())
     conform.pause()
     assert shown(1.0, conform, ids).scales.tobytes() == rest.scales.tobytes()
+
+
+@pytest.mark.parametrize(("order", "is_torn"), [("distance", False), ("random", True)])
+def test_what_is_not_torn_keeps_its_look_in_flight(device, order, is_torn):
+    """Oracle: the splats before: a ball that grows evenly keeps its neighbours together halfway,
+    unless its splats start at random."""
+    rest, parameters = ball(300), knobs(conform={**SOON, "duration": 2.0, "order": order})
+    conform = TransportConform(
+        device, rest, Carriers.of(device, rest, seed=1), ids=np.arange(300), order=None,
+        select=np.ones(300, np.float32), up=(0, 1, 0), parameters=parameters,
+    )  # fmt: skip
+    conform.apply(sphere(3, 2.0), 1.0, parameters.conform, rest.positions.copy())
+    frame = Frame(time=1.0, cloud=rest, uv=np.zeros((0, 2)), births=np.zeros(0))
+    cloud = conform.finished(frame).cloud
+    assert (cloud.scales != rest.scales).any() == is_torn
+    assert (cloud.sh != rest.sh).any() == is_torn

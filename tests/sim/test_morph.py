@@ -60,10 +60,13 @@ def test_it_ends_with_the_other_capture(morph):
     assert not cloud.opacities[:n].any() and not cloud.sh[n:, 1:].any()
 
 
-def test_both_move_together(morph):
+@pytest.mark.parametrize("order", ["distance", "primvar"])
+def test_both_move_together(morph, order):
     """Oracle: where both are half visible, each splat of the other capture has splats of the
-    capture beside it, at the distance of neighbours."""
-    rest, _, found = morph
+    capture beside it, at the distance of neighbours; also where a primvar says when those start."""
+    rest, other, found = morph
+    if order == "primvar":
+        found = frames(open_device(), rest, other, order=(1 - rest.positions[:, 1]) / 2)
     n = len(rest)
     cloud = found[5].cloud
     is_seen = cloud.opacities > 0.1

@@ -8,7 +8,7 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
-from usdsplat.core.cloud import F32, F64, I32, SplatCloud
+from usdsplat.core.cloud import F32, I32, SplatCloud
 from usdsplat.kernels.device import Device
 from usdsplat.kernels.sim import landing as kernels
 from usdsplat.kernels.sim import transport_map as map_kernels
@@ -39,7 +39,7 @@ DENSE = 3.5
 MOST_GROWTH = 2.0
 """Largest factor of that enlargement."""
 _ARRAYS = (
-    "images", "image_normals", "maps", "proper", "growth", "curvature", "bows", "order",
+    "images", "image_normals", "maps", "proper", "growth", "curvature", "bows", "order", "colors",
 )  # fmt: skip
 _FAR = np.float32(1e30)
 
@@ -64,6 +64,10 @@ class Carried:
     """Sizes of the triangles when splats were bound [unit], shape (n,)."""
     bows: F32
     """Direction of the arc of each path, as long as the way [unit], shape (n, 3)."""
+    points: I32
+    """Nearest point of the map, shape (n,)."""
+    colors: F32
+    """Mean colour around each splat, coefficients of degree 0, shape (n, 3)."""
 
     @classmethod
     def of(cls, arrays: dict[str, npt.NDArray[Any]]) -> Self:
@@ -73,10 +77,11 @@ class Carried:
     @classmethod
     def nothing(cls) -> Self:
         """Return the binding of no splats."""
-        wide = {"places": 3, "turns": 4, "stretches": 6, "bows": 3}
+        wide = {"places": 3, "turns": 4, "stretches": 6, "bows": 3, "colors": 3}
         flat = {name: np.zeros(0, np.float32) for name in ("heights", "depths", "sizes")}
         tall = {name: np.zeros((0, k), np.float32) for name, k in wide.items()}
-        return cls(faces=np.zeros(0, np.int32), **flat, **tall)
+        none = np.zeros(0, np.int32)
+        return cls(faces=none, points=none, **flat, **tall)
 
     def arrays(self) -> dict[str, npt.NDArray[Any]]:
         """Return all arrays by name."""
@@ -134,6 +139,8 @@ class Carrying:
     """Directions of the arcs of paths, as long as the way [unit], shape (c, 3)."""
     order: F32
     """Rank of each point by the length or the height of its way, 0..1, shape (c,)."""
+    colors: F32
+    """Mean colours of the splats around each point, coefficients of degree 0, shape (c, 3)."""
 
     @classmethod
     def along(
@@ -168,6 +175,7 @@ class Carrying:
             curvature=_curvature(found),
             bows=_bows(device, found),
             order=_order(found, down),
+            colors=found.source.colors(device, rest),
         )
         landing = plain.landing(ground, rest.positions)
         return replace(plain, growth=plain._needed(landing, rest)), landing
@@ -197,6 +205,13 @@ class Carrying:
     def ranks(self, landing: Landing) -> F32:
         """Return the rank of splats by the order of points, 0..1, shape (n,)."""
         return read(self.order[:, None], landing)[:, 0].copy()
+
+    def started(self, landing: Landing, ranks: F32) -> Carrying:
+        """Return a map whose points have the mean rank of the splats there, ranks of shape (n,)."""
+        near, c = landing.binding.near[:, 0], len(self.order)
+        count = np.bincount(near, minlength=c)
+        mean = np.bincount(near, ranks, c) / np.maximum(count, 1)
+        return replace(self, order=np.where(count > 0, mean, self.order).astype(np.float32))
 
     def landing(self, ground: Ground, positions: F32) -> Landing:
         """Return where splats land.
@@ -277,6 +292,8 @@ class Carrying:
             stretches=stretches,
             sizes=ground.sizes[under.faces],
             bows=bows.astype(np.float32),
+            points=binding.near[:, 0].copy(),
+            colors=read(self.colors, landing),
         )
         return carried, lengths.prod(axis=1)
 
@@ -287,17 +304,24 @@ class Carrying:
         opacities = np.clip(rest.opacities.astype(np.float64), 0, OPAQUE)
         depth = -np.log1p(-opacities) * 2 * np.pi * areas
         depth = np.bincount(near, depth, len(self.source)) / self.spacing**2
-        around = self._mean(depth)
+        around = self.source.mean(depth)
         least = np.maximum(np.minimum(depth, around), 1e-6)
         growth = np.clip(np.sqrt(DENSE / least), 1, MOST_GROWTH)
-        return self._mean(growth).astype(np.float32)
+        return self.source.mean(growth).astype(np.float32)
 
-    def _mean(self, values: F64) -> F64:
-        """Return the weighted mean of values over neighbours, shape (c,)."""
-        source = self.source
-        weights = source.weights.astype(np.float64)
-        total = (weights * values[source.near]).sum(axis=1)
-        return np.asarray(total / weights.sum(axis=1))
+    def stretch(self, way: F32, arc: float) -> F32:
+        """Return how far points that are on their way are torn from their neighbours, relative to
+        the spacing between that of the source and that of the target, shape (c,).
+
+        Args:
+            way: Progress of each point, 0..1, shape (c,).
+            arc: Height of the arcs, relative to the way.
+        """
+        source, part = self.source, way[:, None]
+        now = (1 - part) * source.positions + part * self.images
+        now += np.float32(4 * arc) * part * (1 - part) * self.bows
+        usual = 1 + (self.spacing / source.spacing - 1) * way
+        return source.mean(source.stretch(now) / usual).astype(np.float32)
 
 
 def read(values: F32, landing: Landing) -> F32:

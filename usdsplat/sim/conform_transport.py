@@ -22,7 +22,7 @@ from usdsplat.kernels.sim import landing as kernels
 from usdsplat.sim.carriers import Carriers
 from usdsplat.sim.carrying import Carried, Carrying, Landing
 from usdsplat.sim.conform import Rows
-from usdsplat.sim.flying import in_flight
+from usdsplat.sim.flying import TORN, Flight
 from usdsplat.sim.grounds import MeshGround
 from usdsplat.sim.parameters import ConformParameters, Parameters
 from usdsplat.sim.sheets import MeshGoal, outer_sheet
@@ -68,6 +68,8 @@ class TransportConform:
         self._up = up
         self._part = np.zeros(len(select), np.float32)
         """Progress of each splat at the last pose, 0 before its start and 1 when it has arrived."""
+        self._travel = 0.0, (0.0, 0.0, 0.0), 0.0
+        """Time, (start, duration, stagger) and arc then."""
         self._device, self._carriers = device, carriers
         self._rest, self._ids, self._order = rest, ids, order
         self._parameters = parameters
@@ -196,18 +198,27 @@ class TransportConform:
 
     def _progress(self, now: float, parameters: ConformParameters, factor: F32 | None) -> F32:
         """Return the progress of splats towards their places on the target, 0..1."""
-        way = np.empty(len(self), np.float32)
-        timing = (
-            float(parameters.weight), float(parameters.start),
-            float(parameters.duration), float(parameters.stagger),
-        )  # fmt: skip
+        run, way = self._device.run, np.empty(len(self), np.float32)
+        timing = float(parameters.start), float(parameters.duration), float(parameters.stagger)
         select = self._select if factor is None else self._select * factor
-        self._device.run(conform_kernels.advance, float(now), timing, self._ranks, select, way)
+        how = float(parameters.weight), *timing
+        run(conform_kernels.advance, float(now), how, self._ranks, select, way)
         # the way of a splat that has arrived, in the arithmetic of `advance`
         whole = (float(parameters.weight) * select.astype(np.float64)).astype(np.float32)
         part = np.divide(way, whole, out=np.zeros_like(way), where=whole > 0)
         self._part = np.minimum(part, np.float32(1))
+        self._travel = float(now), timing, float(parameters.arc)
         return way
+
+    def _torn(self, carrying: Carrying) -> F32:
+        """Return how far the points of the map are torn apart at the last pose, shape (c,)."""
+        if self._order is None and self._parameters.conform.order == "random":
+            return np.full(len(carrying.order), TORN, np.float32)
+        now, timing, arc = self._travel
+        way, whole = np.empty_like(carrying.order), np.ones_like(carrying.order)
+        run = self._device.run
+        run(conform_kernels.advance, now, (1.0, *timing), carrying.order, whole, way)
+        return carrying.stretch(way, arc)
 
     def pause(self) -> None:
         """Show splats as they are: there is no target now."""
@@ -215,9 +226,18 @@ class TransportConform:
 
     def finished(self, frame: Frame) -> Frame:
         """Return a frame at the time of the last `apply` with the look of splats in flight."""
-        spacing = 1.0 if self._carrying is None else self._carrying.source.spacing
-        target = spacing if self._carrying is None else self._carrying.spacing
-        return replace(frame, cloud=in_flight(frame.cloud, self._part, spacing, target))
+        carrying, bound = self._carrying, self._bound
+        rows = np.flatnonzero((self._part > 0) & (self._part < 1))
+        if carrying is None or not len(rows):
+            return frame
+        flight = Flight(
+            rows=rows,
+            part=self._part[rows],
+            spacings=(carrying.source.spacing, carrying.spacing),
+            stretch=self._torn(carrying)[bound.points[rows]],
+            colors=bound.colors[rows],
+        )
+        return replace(frame, cloud=flight.seen(frame.cloud))
 
     def _update_target(self, surface: Surface) -> TargetMesh:
         """Update the target's positions, if it has moved."""
@@ -252,17 +272,19 @@ class TransportConform:
         target."""
         return replace(self._rest, opacities=self._rest.opacities * (self._select > 0))
 
-    def _finish(self, carrying: Carrying, landing: Landing, mesh: TargetMesh) -> None:
-        """Bind all splats of the capture."""
+    def _finish(self, carrying: Carrying, landing: Landing, mesh: TargetMesh) -> Carrying:
+        """Bind all splats of the capture. Return the map, whose points start when splats do."""
         rest = self._rest
-        self._carrying, self._first = carrying, mesh.surface
-        self._bound = carrying.land(landing, rest.rotations, rest.scales)
         if self._order is not None:
             self._ranks = np.clip(self._order, 0, 1).astype(np.float32)
+            carrying = carrying.started(landing, self._ranks)
         elif self._parameters.conform.order != "random":
             self._ranks = carrying.ranks(landing)
         else:
             self._ranks = self._drawn(self._ids)
+        self._carrying, self._first = carrying, mesh.surface
+        self._bound = carrying.land(landing, rest.rotations, rest.scales)
+        return carrying
 
     def _drawn(self, ids: I64) -> F32:
         """Return random ranks of splats."""

@@ -1,51 +1,71 @@
-"""The look of splats that travel to a target: opaque grains.
+"""The look of splats that travel to a target: even matter where their surface is torn.
 
-On its way the surface of a capture is stretched and torn: its flat splats would be seen as shreds
-and its faint ones as haze. In flight each is round instead, no larger than the distance of the
-points that travel with it, and either opaque or not there.
+On its way the surface of a capture is stretched. Where neighbours stay together, splats keep their
+look. Where they are torn apart, flat splats would be seen as shreds, faint ones as haze, and single
+light and dark ones as glitter. There each is round instead, large enough to close the gaps but no
+larger than about the distance of the points that travel with it, either opaque or not there, and
+has the mean colour of the capture around it.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from usdsplat.core.cloud import F32, SplatCloud
+from usdsplat.core.cloud import F32, I64, SplatCloud
 
 TAKES_OFF, LANDS = 0.2, 0.85
-"""Progress up to which splats become grains, and from which grains become splats again."""
+"""Progress up to which splats may become grains, and from which grains become splats again."""
+WHOLE, TORN = 1.4, 2.6
+"""Stretch up to which splats keep their look, and from which they are grains."""
 LARGEST = 0.38
-"""Largest standard deviation of a grain, in spacings."""
+"""Largest standard deviation of a grain, in spacings of the points there."""
+MOST_GROWTH = 1.6
+"""Largest factor of the growth of grains, which follows the stretch."""
 SEEN = (0.08, 0.35)
-"""Opacities between which it is decided whether a splat is seen in flight."""
+"""Opacities between which it is decided whether a grain is seen."""
 OPAQUE = 0.96
 
 
-def in_flight(cloud: SplatCloud, part: F32, spacing: float, target: float) -> SplatCloud:
-    """Return splats with the look of their flight; those that are not on their way are unchanged.
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Flight:
+    """The m splats of a frame that are on their way."""
 
-    Args:
-        cloud: Splats of a frame.
-        part: Their progress, 0 to 1, shape (n,).
-        spacing, target: Distance of the points that carry them, at rest and on the target [unit].
-    """
-    rows = np.flatnonzero((part > 0) & (part < 1))
-    if not len(rows):
-        return cloud
-    p = part[rows]
-    grain = ramp(p, 0, TAKES_OFF) * ramp(1 - p, 0, 1 - LANDS)
-    sizes = np.maximum(cloud.scales[rows], np.float32(1e-12))
-    largest = sizes.max(axis=1)
-    middle = np.maximum(sizes.sum(axis=1) - largest - sizes.min(axis=1), np.float32(1e-12))
-    limit = np.float32(LARGEST) * (np.float32(spacing) * (1 - p) + np.float32(target) * p)
-    round_ = np.minimum(np.sqrt(largest * middle), limit)
-    scales, opacities = cloud.scales.copy(), cloud.opacities.copy()
-    scales[rows] = sizes ** (1 - grain[:, None]) * (round_**grain)[:, None]
-    low, high = SEEN
-    whole = OPAQUE * ramp(opacities[rows], low, high)
-    opacities[rows] += grain * (whole.astype(np.float32) - opacities[rows])
-    return replace(cloud, scales=scales, opacities=opacities)
+    rows: I64
+    """Their rows, shape (m,)."""
+    part: F32
+    """Their progress, between 0 and 1, shape (m,)."""
+    spacings: tuple[float, float]
+    """Distance of the points that carry them, at rest and on the target [unit]."""
+    stretch: F32
+    """Distance of these points now, relative to the spacing on the way, shape (m,)."""
+    colors: F32
+    """Mean colours of the capture around them, coefficients of degree 0, shape (m, 3)."""
+
+    def seen(self, cloud: SplatCloud) -> SplatCloud:
+        """Return the splats of the frame with the look of their flight."""
+        grain = ramp(self.part, 0, TAKES_OFF) * ramp(1 - self.part, 0, 1 - LANDS)
+        grain *= ramp(self.stretch, WHOLE, TORN)
+        torn = np.flatnonzero(grain > 0)
+        if not len(torn):
+            return cloud
+        rows, p, grain, stretch = self.rows[torn], self.part[torn], grain[torn], self.stretch[torn]
+        sizes = np.maximum(cloud.scales[rows], np.float32(1e-12))
+        largest = sizes.max(axis=1)
+        middle = np.maximum(sizes.sum(axis=1) - largest - sizes.min(axis=1), np.float32(1e-12))
+        grown = np.clip(stretch, 1, MOST_GROWTH)
+        first, last = (np.float32(LARGEST * each) for each in self.spacings)
+        round_ = grown * np.minimum(np.sqrt(largest * middle), first * (1 - p) + last * p)
+        scales, opacities, sh = cloud.scales.copy(), cloud.opacities.copy(), cloud.sh.copy()
+        scales[rows] = sizes ** (1 - grain[:, None]) * (round_**grain)[:, None]
+        low, high = SEEN
+        whole = OPAQUE * ramp(opacities[rows], low, high)
+        opacities[rows] += grain * (whole.astype(np.float32) - opacities[rows])
+        colors = sh[rows] * (1 - grain)[:, None, None]
+        colors[:, 0] += grain[:, None] * self.colors[torn]
+        sh[rows] = colors
+        return replace(cloud, scales=scales, opacities=opacities, sh=sh)
 
 
 def ramp(values: F32, first: float, last: float) -> F32:

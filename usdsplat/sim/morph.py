@@ -70,7 +70,6 @@ class Morph(TransportConform):
         self._back: Carrying | None = None
         self._natives = np.zeros(len(select), np.bool_)
         self._tints = np.zeros((len(select), 3), np.float32)
-        self._colors = np.zeros((0, 3), np.float32)
         self._way = np.zeros(len(select), np.float32)
 
     # --- births, deaths, restarts -------------------------------------------------------
@@ -85,8 +84,8 @@ class Morph(TransportConform):
         mesh = TargetMesh(device, self._frames)
         if other._carrying is None:
             other._bind(mesh)
-        back = other._back
-        assert back is not None
+        there, back = other._carrying, other._back
+        assert there is not None and back is not None
         m = len(cloud)
         ground = self._ground(mesh, 1, Sheet.of(device, back.images, back.image_normals))
         landing = back.landing(ground, cloud.positions)
@@ -101,7 +100,7 @@ class Morph(TransportConform):
             ranks = self._drawn(-1 - np.arange(m, dtype=np.int64))
         other._ranks = np.concatenate([other._ranks, ranks])
         other._natives = np.concatenate([other._natives, np.ones(m, np.bool_)])
-        tints = read(other._colors, landing)
+        tints = read(there.colors, landing)
         other._tints = np.concatenate([other._tints, tints])
         return other
 
@@ -124,7 +123,7 @@ class Morph(TransportConform):
         kept = super().memory()
         if self._back is None:
             return kept
-        kept |= {"natives": self._natives, "tints": self._tints, "colors": self._colors}
+        kept |= {"natives": self._natives, "tints": self._tints}
         return kept | {f"{_BACK}{name}": each for name, each in self._back.arrays().items()}
 
     def restore(self, memory: dict[str, npt.NDArray[Any]]) -> None:
@@ -134,7 +133,6 @@ class Morph(TransportConform):
         if "natives" not in memory:
             return
         self._natives, self._tints = memory["natives"], memory["tints"]
-        self._colors = memory["colors"]
         self._back = Carrying.of(self._device, below(memory, _BACK))
 
     # --- one step -----------------------------------------------------------------------
@@ -214,11 +212,10 @@ class Morph(TransportConform):
             spacing=sheet.spacing,
         )
         back, _ = Carrying.along(device, inverse, self._ground(mesh, 1, sheet), cloud)
+        carrying = self._finish(carrying, landing, mesh)
         self._back = replace(back, bows=carrying.bows, order=carrying.order)
-        self._finish(carrying, landing, mesh)
-        self._colors = _colors(device, sheet, rest)
         there = goal.bind(device, found.images)
-        ends = np.einsum("nk,nki->ni", there.weights, _colors(device, goal, cloud)[there.near])
+        ends = np.einsum("nk,nki->ni", there.weights, goal.colors(device, cloud)[there.near])
         self._tints = read(ends.astype(np.float32), landing)
 
     def _ground(self, mesh: TargetMesh, face: int, sheet: Sheet) -> SheetGround:
@@ -237,19 +234,3 @@ def _frames(first: F32, second: F32) -> Surface:
         points=np.concatenate([there.points, here.points]),
         triangles=np.concatenate([there.triangles, here.triangles + 3]).astype(np.int32),
     )
-
-
-def _colors(device: Device, sheet: Sheet, cloud: SplatCloud) -> F32:
-    """Return the mean colours around the points of a sheet, coefficients of degree 0, (c, 3)."""
-    binding = sheet.bind(device, cloud.positions)
-    near = binding.near[:, 0]
-    away = np.linalg.norm(cloud.positions - sheet.positions[near], axis=1) / sheet.spacing
-    weight = cloud.opacities * np.exp(-np.square(away)) + 1e-9
-    total = np.bincount(near, weight, len(sheet))
-    base = cloud.sh[:, 0].astype(np.float64)
-    sums = [np.bincount(near, weight * base[:, channel], len(sheet)) for channel in range(3)]
-    own = np.stack(sums, axis=1)
-    weights = sheet.weights.astype(np.float64)
-    masses = (weights * total[sheet.near]).sum(axis=1)
-    mixed = np.einsum("nk,nki->ni", weights, own[sheet.near])
-    return (mixed / np.maximum(masses, 1e-30)[:, None]).astype(np.float32)

@@ -115,6 +115,41 @@ class Sheet:
         )  # fmt: skip
         return Binding(near=near, weights=weights)
 
+    def mean(self, values: F64) -> F64:
+        """Return the weighted mean of values over neighbours, shape (c,)."""
+        weights = self.weights.astype(np.float64)
+        total = (weights * values[self.near]).sum(axis=1)
+        return np.asarray(total / weights.sum(axis=1))
+
+    def stretch(self, positions: F32) -> F64:
+        """Return how much farther neighbours are at other positions, shape (c, 3), than here.
+
+        Returns:
+            Ratio of the root mean squares of the distances around each point, shape (c,).
+        """
+        weights = self.weights.astype(np.float64)
+        now, rest = (
+            (weights * np.square(each[self.near] - each[:, None]).sum(axis=2)).sum(axis=1)
+            for each in (positions, self.positions)
+        )
+        return np.sqrt(now / np.maximum(rest, 1e-30))
+
+    def colors(self, device: Device, cloud: SplatCloud) -> F32:
+        """Return the mean colours of a cloud around points, coefficients of degree 0, (c, 3)."""
+        near = self.bind(device, cloud.positions).near[:, 0]
+        away = np.linalg.norm(cloud.positions - self.positions[near], axis=1) / self.spacing
+        base = cloud.sh[:, 0].astype(np.float64)
+        sound = np.isfinite(away) & np.isfinite(base).all(axis=1) & np.isfinite(cloud.opacities)
+        weight = np.where(sound, cloud.opacities * np.exp(-np.square(away)) + 1e-9, 0)
+        base[~sound] = 0
+        total = np.bincount(near, weight, len(self))
+        sums = [np.bincount(near, weight * base[:, channel], len(self)) for channel in range(3)]
+        own = np.stack(sums, axis=1)
+        weights = self.weights.astype(np.float64)
+        masses = (weights * total[self.near]).sum(axis=1)
+        mixed = np.einsum("nk,nki->ni", weights, own[self.near])
+        return (mixed / np.maximum(masses, 1e-30)[:, None]).astype(np.float32)
+
 
 class MeshGoal:
     """The surface of a mesh, as a target of transport.

@@ -16,12 +16,14 @@ TRANSPORT = {
     "carriers:count": 14000,
     "conform:weight": 1.0,
     "conform:start": 0.4,
-    "conform:duration": 0.9,
-    "conform:stagger": 1.9,
+    "conform:duration": 1.8,
+    "conform:stagger": 0.6,
     "conform:order": "height",
+    "conform:arc": 0.1,
     "settle:omega": 30.0,
 }
-"""Values of the presets that transport splats, which arrive before the last frame."""
+"""Values of the presets that transport splats, which arrive before the last frame. All are on their
+way together for most of the time: one shape becomes another, and little of it is torn."""
 
 
 def _author(scene: Scene, sim: Usd.Prim, choice: Choice) -> None:
