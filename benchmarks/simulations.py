@@ -6,8 +6,8 @@ There is a strip for each look of growth, for three materials, for targets and f
 were tuned on statue_massa; no constant of any simulation was tuned on statue_trumpet. Pieces of
 stone were judged on statue_angel, and how splats travel in conform and morph on guitar and on
 statue_angel; the constants of neither were changed for any other capture. What the pictures show
-was chosen by eye for each capture: the camera, the frames, and in `rising` and `among_daffodils`
-also what moves, and where.
+was chosen by eye for each capture: the camera, the frames, and in `onto_the_ball` and
+`among_daffodils` also what moves, and where.
 """
 
 from __future__ import annotations
@@ -36,7 +36,6 @@ LIMIT = 300_000
 """Maximum size of a strip [byte]."""
 ANGLE = 30.0
 """Vertical angle of view [degree]."""
-FIGURE = DATA / "usd" / "usdwg" / "CesiumMan.usdz"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -48,8 +47,8 @@ class Strip:
     frames: tuple[int, ...]
     options: Mapping[str, str] = field(default_factory=dict)
     """Options of the preset."""
-    goal: Path | str | None = None
-    """A stage, or another capture, to conform to."""
+    goal: Callable[[Path], None] | str | None = None
+    """What to conform to: another capture, or a function that writes a stage."""
     turn: float = 25.0
     """Angle from which the camera looks, around the up axis from z towards x [degree]."""
     height: float = 1.25
@@ -125,20 +124,39 @@ def select(prim: Usd.Prim, rows: np.ndarray) -> None:
     weight.Set(Vt.FloatArray.FromNumpy(rows.astype("f4")))
 
 
-def rising(stage: Usd.Stage) -> None:
-    """Select the angel with its round base, not its pedestal, and put the figure on the pedestal,
-    0.74 times as large and turned to where the angel looks."""
+def ball(path: Path) -> None:
+    """Write a ball of radius 1."""
+    stage = Usd.Stage.CreateNew(str(path))
+    UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.y)
+    columns, rows = 96, 48
+    turn, tilt = np.arange(columns) * 2 * np.pi / columns, np.linspace(0, np.pi, rows)[:, None]
+    height = np.broadcast_to(np.cos(tilt), (rows, columns))
+    points = np.stack([np.sin(tilt) * np.cos(turn), height, np.sin(tilt) * np.sin(turn)], axis=-1)
+    number = np.arange(columns * rows).reshape(rows, columns)
+    after = np.roll(number, -1, axis=1)
+    faces = np.stack([number[:-1], after[:-1], after[1:], number[1:]], axis=-1)
+    mesh = UsdGeom.Mesh.Define(stage, "/Ball")
+    mesh.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(points.reshape(-1, 3).astype("f4")))
+    mesh.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(faces.ravel().astype("i4")))
+    mesh.CreateFaceVertexCountsAttr(Vt.IntArray([4] * (faces.size // 4)))
+    mesh.CreateExtentAttr([(-1, -1, -1), (1, 1, 1)])
+    stage.SetDefaultPrim(mesh.GetPrim())
+    stage.Save()
+
+
+def onto_the_ball(stage: Usd.Stage) -> None:
+    """Select the bust, not what it stands on, and put the ball in its place."""
     ((prim, points),) = fields(stage)
-    x, y, z = points.T
-    is_base = (np.square((x - 0.05) / 0.44) + np.square((z - 0.06) / 0.36) < 1) & (y > -0.09)
-    select(prim, (y > 0) | is_base)
-    low, high = np.percentile(points, (5, 95), axis=0)
-    foot = Gf.Vec3d((low[0] + high[0]) / 2, low[1], (low[2] + high[2]) / 2)
-    place = Gf.Matrix4d().SetTranslate(-foot) * Gf.Matrix4d().SetScale(0.74)
-    place *= Gf.Matrix4d().SetRotate(Gf.Rotation(Gf.Vec3d.YAxis(), 115))
-    place *= Gf.Matrix4d().SetTranslate(Gf.Vec3d(0, -0.02, 0))
-    (move,) = simulation(prim, "Target").GetOrderedXformOps()
-    move.Set(move.Get() * place)
+    low, high = np.percentile(points[:, 1], (2, 98))
+    is_bust = points[:, 1] > low + 0.46 * (high - low)
+    select(prim, is_bust)
+    low, high = np.percentile(points[is_bust], (3, 97), axis=0)
+    radius = 0.44 * (high[1] - low[1])
+    middle = (low + high) / 2 - (0, 0.12 * radius, 0)
+    place = Gf.Matrix4d().SetScale(radius) * Gf.Matrix4d().SetTranslate(Gf.Vec3d(*middle))
+    target = simulation(prim, "Target")
+    (move,) = target.GetOrderedXformOps()
+    move.Set(place * target.ComputeParentToWorldTransform(0).GetInverse())
 
 
 def among_daffodils(stage: Usd.Stage) -> None:
@@ -189,8 +207,8 @@ STRIPS = {
         capture="statue_trumpet.sog", preset="shatter", frames=(1, 8, 12, 17, 34), turn=205
     ),
     "conform": Strip(
-        capture="statue_angel.sog", preset="conform", goal=FIGURE, frames=(1, 28, 36, 44, 70),
-        edit=rising, turn=62, height=1.45, raised=0.12,
+        capture="statue_massa.sog", preset="conform", goal=ball, frames=(1, 26, 33, 40, 70),
+        edit=onto_the_ball, turn=205, raised=0.1,
     ),
     "morph": Strip(
         capture="statue_trumpet.sog", preset="morph", goal="statue_massa.sog",
@@ -207,10 +225,11 @@ STRIPS = {
 def bake(strip: Strip, folder: Path) -> Path:
     """Make the stage and simulate it. Return the layer of results."""
     made, baked = folder / "scene.usda", folder / "bake.usda"
-    goal = strip.goal
-    if isinstance(goal, str):
-        import_capture(DATA / "splats" / goal, folder / "goal.usdc")
-        goal = folder / "goal.usdc"
+    goal = None if strip.goal is None else folder / "goal.usdc"
+    if isinstance(strip.goal, str):
+        import_capture(DATA / "splats" / strip.goal, goal)
+    elif strip.goal is not None:
+        strip.goal(goal)
     import_capture(DATA / "splats" / strip.capture, folder / "capture.usdc")
     author_preset(
         strip.preset, open_stage(folder / "capture.usdc"), made, last=strip.frames[-1],
