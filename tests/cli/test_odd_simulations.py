@@ -57,6 +57,10 @@ CASES = {
         40, [sets({**GROW, **RUBBER, "rd:domain": "self"})], "unused",
         "found new matter and rd:domain self, expected rd:domain carrier",
     ),
+    "growth without room": (
+        400, [sets({**GROW, "sim:maxCount": 400, "refine:enabled": "off"})], "no-room",
+        "found 400, with 400 splats before growth, expected up to",
+    ),
     "weak matter": (
         40,
         [sphere(), sets({"matter:enabled": True, "matter:tear": 1.1, "matter:stretch": 2.0})],
@@ -106,5 +110,21 @@ def test_what_can_be_done_says_nothing(run, tmp_path):
     stage.Save()
     words = ("simulate", tmp_path / "shot.usda", "-o", tmp_path / "bake.usda", "--frames", "1:2")
     status, _, err = run(*words)
-    codes = ("no-carriers", "flat-target", "weak-matter", "long-steps", "vast-affector")
+    codes = ("no-carriers", "flat-target", "weak-matter", "long-steps", "vast-affector", "no-room")
     assert status == 0 and not [code for code in codes if f"[{code}]" in err]
+
+
+@pytest.mark.parametrize(("most", "said"), [(4_000_000, []), (600, ["note"])])
+def test_new_matter_that_lacks_room_on_some_carriers_is_a_note(run, tmp_path, most, said):
+    """Oracle: the finding's severity, and the number of splats, which is at most what was asked."""
+    stage = make(tmp_path / "shot.usda", 400)
+    sets({**GROW, "sim:maxCount": most, "refine:enabled": "off", "rd:frontSpeed": 500.0})(stage)
+    stage.Save()
+    bake = tmp_path / "bake.usda"
+    status, _, err = run("simulate", tmp_path / "shot.usda", "-o", bake, "--frames", "1:4")
+    lines = [line for line in err.splitlines() if "[no-room]" in line]
+    assert status == 0 and len(lines) == len(said)
+    assert all("usdsplat: note" in line and "growth ends before" in line for line in lines)
+    baked = Usd.Stage.Open(str(bake))
+    count = len(schema.fetch(baked.GetPrimAtPath(FIELD), 4))
+    assert 400 < count <= most

@@ -138,6 +138,15 @@ def test_each_style_gives_sound_splats(device, style: str) -> None:
     np.testing.assert_allclose(np.linalg.norm(cloud.rotations, axis=1), 1, atol=1e-5)
 
 
+def test_captured_splats_do_not_cover_veins(device) -> None:
+    """Oracle: the ball: all of a vein, also its thin ends and its sides, is half a distance of
+    carriers above it."""
+    frame = played(device, growing("veins"), 24)[-1]
+    drawn = new(frame) & (frame.cloud.opacities > 0)
+    assert drawn.sum() > 50
+    assert np.linalg.norm(frame.cloud.positions[drawn], axis=1).min() > 1 + 0.5 * SPACING
+
+
 def same(a: Frame, b: Frame) -> bool:
     """Whether two frames have the same bits."""
     return np.array_equal(a.cloud.ids, b.cloud.ids) and all(

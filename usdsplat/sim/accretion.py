@@ -318,13 +318,12 @@ class Accretion:
         c, tree = self._carriers, self._motif.tree
         radii = self._motif.radius * self._allowed(knobs)
         radii *= np.float32(knobs.relief / FULL_VEIN * c.spacing)
-        numbers = np.array(
-            [c.spacing, knobs.opacity, knobs.shade, knobs.gloss, knobs.thickness * c.spacing],
-            np.float32,
-        )
+        feet = tree.feet + c.normals * np.float32(LIFT * c.spacing)
+        values = c.spacing, knobs.opacity, knobs.shade, knobs.gloss, knobs.thickness * c.spacing
+        numbers = np.array(values, np.float32)
         self._device.run(
             tubes.strokes, rows, state.memory[CARRIER], state.memory[LAYER], knobs.layers,
-            state.ids, self._seed, c.normals, tree.feet, tree.ways, radii, numbers,
+            state.ids, self._seed, c.normals, feet, tree.ways, radii, numbers,
             _ramp(knobs), self._light, state.rest_positions, state.rest_rotations,
             state.rest_scales, state.rest_opacities, colors,
         )  # fmt: skip

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Literal
 
 import numpy as np
 
@@ -62,6 +63,8 @@ def limit_findings(
         found, expected = f"new matter and rd:domain {p.rd.domain}", "rd:domain carrier"
         cure = f"make it {expected}; nothing grows"
         yield finding("unused", "splatSim:accretion:enabled", found, expected, cure=cure)
+    if uses.accretes and carriers is not None and p.rd.domain == "carrier":
+        yield from _room(recipe, first, carriers)
     if first.target is not None and uses.transports and not has_area(first.target):
         expected = "triangles with an area; splats move to the closest points"
         yield finding("flat-target", "splatSim:conform:target", "a mesh without area", expected)
@@ -81,6 +84,22 @@ def limit_findings(
             found = f"{each.path}, of {extent:g}, and a capture of {size:g}"
             expected = f"affectors of at most {VAST:g} times its size; splats are moved that far"
             yield finding("vast-affector", "collection:affectors:includes", found, expected)
+
+
+def _room(recipe: Recipe, first: Moment, carriers: Carriers) -> Iterator[Finding]:
+    """Yield a finding if new matter would not have room on all carriers of the outside."""
+    layers = styles.resolved(first.parameters.accretion).layers
+    most, here = first.parameters.sim.max_count, len(recipe.rest)
+    places = int(carriers.outer.sum())
+    room = max(0, most - here) // layers
+    if room >= places:
+        return
+    found = f"{most:,}, with {counted(here, 'splat')} before growth"
+    expected = f"{here + layers * places:,} for all new matter; growth ends before"
+    if not room:
+        expected = f"up to {here + layers * places:,} for new matter; nothing grows"
+    severity: Literal["warning", "note"] = "note" if room else "warning"
+    yield finding("no-room", "splatSim:sim:maxCount", found, expected, severity=severity)
 
 
 def _size(points: np.ndarray) -> float:

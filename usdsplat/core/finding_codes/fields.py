@@ -64,6 +64,11 @@ CODES: dict[str, Code] = {
         "a capture has too few splats on surfaces for matter or transport",
         "simulate a capture of surfaces, or leave out matter and conform:mode transport",
     ),
+    "no-room": Code(
+        "warning",
+        "a capture has about as many splats as a simulation may have, so that new matter stops",
+        "increase splatSim:sim:maxCount, or decrease splatSim:refine:budget",
+    ),
     "flat-target": Code(
         "warning",
         "a mesh that splats conform to has no area",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from pxr import Usd
 
 from usdsplat.kernels.devices import open_device
@@ -14,9 +16,12 @@ from usdsplat.sim.styles import STYLES
 _CARRIERS = 150
 """Most carriers along a capture: branches have about 10. The number of carriers, and the time of a
 frame, grow with its square."""
+_FEW, _PER_SPLAT = 20_000, 5
+"""A capture of fewer splats has so many carriers for each, up to about this number: new matter is
+finer than the splats that it grows on. Others have about as many carriers as splats at most."""
 _REACTION_STEPS = 16_000
-"""Reaction steps in all, so that the pattern forms while its front spreads; a frame has 256 at
-most."""
+"""Reaction steps in all on the most carriers, so that the pattern forms while its front spreads; a
+frame has 256 at most. A pattern spreads a number of carriers in a step, so fewer need fewer."""
 _SPREADING = 0.6
 """Part of the time in which the front would spread along the whole capture from one end."""
 
@@ -25,21 +30,23 @@ _SEEDS, _FEWEST_SEEDS = 12, 3
 
 
 def _author(scene: Scene, sim: Usd.Prim, choice: Choice) -> None:
-    # as many carriers as splats at most: what is finer than the splats shows nothing more
     spacing = expected_spacing(open_device("cpu"), scene.cloud, most=scene.count)
+    most = max(scene.count, min(_FEW, _PER_SPLAT * scene.count))
+    spacing *= math.sqrt(scene.count / most)
     unit = max(scene.size / _CARRIERS, spacing * scene.field_unit)
+    along = scene.size / unit
     seconds = scene.last / RATE
     assert choice.name is not None  # the option has a default
     needs_pattern = STYLES[choice.name].knobs.get("motif", "pattern") == "pattern"
-    steps = _REACTION_STEPS if needs_pattern else 0
+    steps = _REACTION_STEPS * along / _CARRIERS if needs_pattern else 0
     author(
         sim,
         {
             "carriers:spacing": scene.local(unit),
             "rd:enabled": True,
             "rd:substeps": min(round(steps / scene.last), 256) or 1,
-            "rd:frontSpeed": scene.size / unit / (_SPREADING * seconds),
-            "rd:seeds": max(round(_SEEDS * (scene.size / unit / _CARRIERS) ** 2), _FEWEST_SEEDS),
+            "rd:frontSpeed": along / (_SPREADING * seconds),
+            "rd:seeds": max(round(_SEEDS * (along / _CARRIERS) ** 2), _FEWEST_SEEDS),
             "accretion:enabled": True,
             "accretion:style": choice.name,
         },
