@@ -18,6 +18,7 @@ from usdsplat.core.sh import dc_to_rgb
 from usdsplat.interchange.over_layer import save_over
 from usdsplat.kernels.device import Device
 from usdsplat.kernels.points.surface_normals import SurfaceNormals, surface_normals
+from usdsplat.schema.lod_roots import find_roots
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -130,17 +131,19 @@ def _summary(
 
 
 def _fields(stage: Usd.Stage, prims: tuple[str, ...]) -> tuple[list[Usd.Prim], list[Finding]]:
-    """Return the fields to author on, and findings on those that have no normals."""
-    found, findings, paths = [], [], []
+    """Return the fields to author on, and findings on those that have no normals, but not on fields
+    for other renderers, of which a splat tree is drawn instead."""
+    found, findings, paths, roots = [], [], [], find_roots(stage)
     for prim in stage.Traverse(Usd.TraverseInstanceProxies()):
         path, is_tree = str(prim.GetPath()), schema.is_tree(prim)
-        if not is_tree and not schema.is_splat_field(prim):
+        if not (is_tree or schema.is_splat_field(prim)) or roots.is_replaced(prim):
             continue
         paths.append(path)
         if prims and not any(_is_beneath(path, each) for each in prims):
             continue
         if is_tree:
-            findings.append(finding("no-normals", path, "a splat tree", "a splat field"))
+            expected = "a splat field; lights make the normals of a tree themselves"
+            findings.append(finding("no-normals", path, "a splat tree", expected))
         elif prim.IsInstanceProxy():
             expected = "one that a layer can change"
             findings.append(finding("no-normals", path, "a field in an instance", expected))

@@ -147,6 +147,12 @@ CODES: dict[str, Code] = {
         "add a light, or make one visible",
         "nothing casts shadows, and no light arrives",
     ),
+    "links-nothing": Code(
+        "note",
+        "the collection lightLink of a light has neither the root nor any other member",
+        "add a target to collection:lightLink:includes, or hide the light",
+        "it lights nothing",
+    ),
     "few-light-samples": Code(
         "note",
         "the samples of a distant light are more than 5 degrees apart",
