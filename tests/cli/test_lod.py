@@ -61,7 +61,7 @@ def test_a_grade_is_a_finding_and_strict_writes_nothing(run, run_json, shot, tmp
     ("argv", "said"),
     [
         ((), "lod: found no -o OUT, expected one"),
-        (("-o", "{}/t.ply"), "found suffix '.ply', expected one of .usd .usda .usdc .usdz"),
+        (("-o", "{}/t.ply"), "found suffix '.ply', expected one of .usd .usda .usdc\n"),
         (("-o", "{}/t.usdz"), "a package, expected a .usd, .usda or .usdc file"),
         (("-o", "{}/t.usda", "--memory-limit", "9"), "--memory-limit: found 0.0 MiB, expected 768"),
         (("-o", "{}/t.usda", "--memory-limit", "x"), "--memory-limit: found 'x', expected bytes"),

@@ -147,6 +147,12 @@ CODES: dict[str, Code] = {
         "add a light, or make one visible",
         "nothing casts shadows, and no light arrives",
     ),
+    "unused-catcher": Code(
+        "note",
+        "shadow catchers are named for a picture without the AOV shadow",
+        "give --aovs color,shadow and an EXR; what only hides what is behind it is a --matte",
+        "they hide what is behind them, and their shadows are not written",
+    ),
     "links-nothing": Code(
         "note",
         "the collection lightLink of a light has neither the root nor any other member",
