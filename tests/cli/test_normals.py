@@ -229,3 +229,5 @@ def test_the_fields_that_stand_for_a_tree_get_no_normals(run, run_json, scan, ca
     assert [each["path"] for each in report["fields"]] == [FIELD]
     found = [(each["code"], each["path"]) for each in report["findings"]]
     assert found == [("no-normals", "/World/T/splats")]
+    status, _, err = run("normals", tree, "-o", target, "-q")
+    assert status == 2 and err.startswith("usdsplat: fields: found splat trees only (/t/splats), ")

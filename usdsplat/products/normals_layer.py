@@ -20,6 +20,8 @@ from usdsplat.kernels.device import Device
 from usdsplat.kernels.points.surface_normals import SurfaceNormals, surface_normals
 from usdsplat.schema.lod_roots import find_roots
 
+_NO_TREE = "a splat field; lights make the normals of a tree themselves"
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FieldNormals:
@@ -142,8 +144,7 @@ def _fields(stage: Usd.Stage, prims: tuple[str, ...]) -> tuple[list[Usd.Prim], l
         if prims and not any(_is_beneath(path, each) for each in prims):
             continue
         if is_tree:
-            expected = "a splat field; lights make the normals of a tree themselves"
-            findings.append(finding("no-normals", path, "a splat tree", expected))
+            findings.append(finding("no-normals", path, "a splat tree", _NO_TREE))
         elif prim.IsInstanceProxy():
             expected = "one that a layer can change"
             findings.append(finding("no-normals", path, "a field in an instance", expected))
@@ -152,6 +153,8 @@ def _fields(stage: Usd.Stage, prims: tuple[str, ...]) -> tuple[list[Usd.Prim], l
     for each in prims:
         if not any(_is_beneath(path, each) for path in paths):
             raise StageError("--prim", each, f"a field: {', '.join(paths) or 'none'}")
+    if paths and all(schema.is_tree(stage.GetPrimAtPath(path)) for path in paths):
+        raise StageError("fields", f"splat trees only ({', '.join(paths)})", _NO_TREE)
     if not found:
         what = f"none that a layer can change ({', '.join(paths) or 'no field at all'})"
         raise StageError("fields", what, "a splat field outside of instances")

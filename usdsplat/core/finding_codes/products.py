@@ -149,9 +149,9 @@ CODES: dict[str, Code] = {
     ),
     "unused-catcher": Code(
         "note",
-        "shadow catchers are named for a picture without the AOV shadow",
+        "a shadow catcher is named for a picture without the AOV shadow",
         "give --aovs color,shadow and an EXR; what only hides what is behind it is a --matte",
-        "they hide what is behind them, and their shadows are not written",
+        "it hides what is behind it, and its shadow is not written",
     ),
     "links-nothing": Code(
         "note",
