@@ -42,9 +42,10 @@ def folder(tmp_path, monkeypatch) -> Path:
 
 
 def test_the_stage_to_start_from_has_no_warning(run, folder):
-    """Oracle: --strict."""
+    """Oracle: --strict, and the count of `validate`."""
     status, _, err = run("render", "shot.usda", "-o", "a.exr", "--strict", *SMALL)
     assert (status, err) == (0, "")
+    assert "shot.usda: 0 errors, 0 warnings" in run("validate", "shot.usda")[1]
 
 
 def test_a_relit_layer_is_a_variant(run, folder):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shlex
+
 import pytest
 from pxr import Usd, UsdGeom
 
@@ -59,7 +61,7 @@ def test_a_grade_is_a_finding_and_strict_writes_nothing(run, run_json, shot, tmp
     ("argv", "said"),
     [
         ((), "lod: found no -o OUT, expected one"),
-        (("-o", "{}/t.ply"), "found suffix '.ply', expected one of .usd .usda .usdc .usdz"),
+        (("-o", "{}/t.ply"), "found suffix '.ply', expected one of .usd .usda .usdc\n"),
         (("-o", "{}/t.usdz"), "a package, expected a .usd, .usda or .usdc file"),
         (("-o", "{}/t.usda", "--memory-limit", "9"), "--memory-limit: found 0.0 MiB, expected 768"),
         (("-o", "{}/t.usda", "--memory-limit", "x"), "--memory-limit: found 'x', expected bytes"),
@@ -112,3 +114,21 @@ def test_a_unit_of_zero_is_an_error_of_the_flag_and_a_finding_of_a_stage(run, ca
     assert run("lod", shot, "-o", tree, "-q")[0] == 0
     assert UsdGeom.GetStageMetersPerUnit(Usd.Stage.Open(str(tree))) == 0.01
     assert "bad-meters-per-unit" in "".join(run("validate", shot)[1:])
+
+
+def test_an_interruption_says_how_to_go_on(run, capture, tmp_path, monkeypatch):
+    """Oracle: the command, which builds the tree; after another error nothing is said of it."""
+    import usdsplat.interchange.lod as lod
+
+    words = ("lod", capture, "-o", tmp_path / "a b.usda", "-q")
+    with monkeypatch.context() as patch:
+        for error in (KeyboardInterrupt(), OSError("full")):
+
+            def stop(*_, error=error, **__):
+                raise error
+
+            patch.setattr(lod, "build_tree", stop)
+            status, _, err = run(*words)
+            told = f"usdsplat: interrupted; go on with: usdsplat {shlex.join(map(str, words))}\n"
+            assert (status, err) == (130, told) if error.args == () else "go on" not in err
+    assert run(*words)[0] == 0

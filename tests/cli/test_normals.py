@@ -215,3 +215,19 @@ def test_a_process_of_its_own_prints_nothing_else(scan, tmp_path) -> None:
     done = shell("normals", scan, "-o", target, "--threads", "1", "-q")
     assert (done.returncode, done.stderr) == (0, "")
     assert len(done.stdout.splitlines()) == 2
+
+
+def test_the_fields_that_stand_for_a_tree_get_no_normals(run, run_json, scan, capture, tmp_path):
+    """Oracle: the prims of the layer, and the finding on the tree, which lights give normals."""
+    field(scan)
+    tree, target = tmp_path / "t.usda", tmp_path / "normals.usda"
+    assert run("lod", capture, "-o", tree, "--up-axis", "Z", "-q")[0] == 0
+    stage = Usd.Stage.Open(str(scan))
+    stage.DefinePrim("/World/T").GetReferences().AddReference(str(tree))
+    stage.Save()
+    report = run_json("normals", scan, "-o", target, "-q")
+    assert [each["path"] for each in report["fields"]] == [FIELD]
+    found = [(each["code"], each["path"]) for each in report["findings"]]
+    assert found == [("no-normals", "/World/T/splats")]
+    status, _, err = run("normals", tree, "-o", target, "-q")
+    assert status == 2 and err.startswith("usdsplat: fields: found splat trees only (/t/splats), ")

@@ -410,3 +410,21 @@ def test_an_estimate_is_a_note(run, shot, tmp_path):
     """Oracle: the code that render has."""
     _, _, err = run("relight", shot(), "-o", tmp_path / "relit.usda")
     assert f"note [estimated-light] {FIELD}" in err
+
+
+def test_a_tree_is_one_finding_that_says_where_it_is_relit(run, shot, tmp_path):
+    """Oracle: the sentence on the tree, and none on the fields that stand for it elsewhere."""
+    path, tree, target = shot(), tmp_path / "t.usda", tmp_path / "relit.usda"
+    assert run("lod", path, "-o", tree, "-q")[0] == 0
+    stage = Usd.Stage.Open(str(path))
+    stage.GetPrimAtPath(FIELD).SetActive(False)
+    stage.DefinePrim("/World/T").GetReferences().AddReference(str(tree))
+    stage.Save()
+    status, _, err = run("relight", path, "-o", target, *FAST[1:])
+    assert status == 2 and not target.exists()
+    first, last = err.splitlines()
+    assert first == (
+        "usdsplat: warning [not-relit] /World/T/splats: found a splat tree, expected a splat "
+        "field; render --lighting relit relights trees in the picture"
+    )
+    assert last == "usdsplat: fields: found none that can be relit, expected a visible splat field"

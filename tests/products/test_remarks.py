@@ -177,6 +177,15 @@ def test_a_catcher_must_be_a_prim(run, shot, tmp_path):
     assert not pixels[..., :4].any() and (pixels[..., 4:] == 1).all()
 
 
+def test_a_catcher_without_the_aov_of_its_shadow_is_a_note(run, shot, tmp_path):
+    """Oracle: the code, in a picture without the AOV, and not in one with it."""
+    flags = (*SMALL, "--catcher", "/World/Ball")
+    for suffix, aovs, notes in (("png", "color", 1), ("exr", "color,shadow", 0)):
+        status, _, err = run("render", shot, "-o", tmp_path / f"a.{suffix}", *flags, "--aovs", aovs)
+        assert status == 0
+        assert err.count("note [unused-catcher] /World/Ball: found") == notes, err
+
+
 def test_a_collection_of_the_settings_relights_one_field(run, shot, tmp_path):
     """Oracle: the finding names that field alone; instances in two collections are a finding."""
     output = ("-o", tmp_path / "a.exr", *SMALL)

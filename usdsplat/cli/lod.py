@@ -30,11 +30,12 @@ from dataclasses import asdict, replace
 from typing import TYPE_CHECKING
 
 from usdsplat.cli import console
-from usdsplat.cli.job_options import check_jobs
+from usdsplat.cli.job_options import check_jobs, resumed
 from usdsplat.cli.lod_job import run_parts, write_bundle
 from usdsplat.cli.lod_options import Options
 from usdsplat.cli.reporting import Reporter
 from usdsplat.cli.values import bytes_of, time_code
+from usdsplat.core import interrupt
 from usdsplat.core.errors import UsageError
 from usdsplat.core.folders import made_folder
 from usdsplat.core.text import shown
@@ -74,6 +75,7 @@ def run(options: Options, reporter: Reporter) -> int:
         reporter.findings.check()
 
     with (
+        interrupt.advising(f"go on with: {resumed(reporter.arguments)}"),
         made_folder(options.output.parent),
         on_compile(reporter.announce_compilation(_COMPILING)),
         reporter.progress() as progress,

@@ -81,7 +81,7 @@ def run(options: Options, reporter: Reporter) -> int:
     from usdsplat.products.matching import MatchRequest, match
 
     _check_flags(options)
-    check_suffix(options.output)
+    check_suffix(options.output, packages=False)
     time = time_code(options.frame)
     keep = (options.camera,) if options.camera and options.camera[0] == "/" else ()
     stage = open_stage(options.stage, options.opening, reporter, keep=keep)

@@ -62,7 +62,7 @@ def run(options: Options, reporter: Reporter) -> int:
 
     if options.output.suffix.lower() == ".usdz":
         raise UsageError("--output", str(options.output), "a .usda, .usdc or .usd layer")
-    check_suffix(options.output)
+    check_suffix(options.output, packages=False)
     stage = open_stage(options.stage, options.opening, reporter)
     check_not_input(options.output, layer_files(stage))
     reporter.findings.check()

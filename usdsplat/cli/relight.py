@@ -61,7 +61,7 @@ def run(options: Options, reporter: Reporter) -> int:
 
     if options.output.suffix.lower() == ".usdz":
         raise UsageError("--output", str(options.output), "a .usda, .usdc or .usd layer")
-    check_suffix(options.output)
+    check_suffix(options.output, packages=False)
     settings = checked("render settings", RenderSettings, given(options.light))
     part = None if options.part is None else Part.parse(options.part)
     check_jobs(options.job)

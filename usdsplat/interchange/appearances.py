@@ -161,7 +161,8 @@ def _chosen(found: list[Appearance], reading: StageReading) -> list[Appearance]:
     choice = reading.trees
     trees = [each for each in found if schema.is_tree(each.prim)]
     if choice != LEAVES and not trees:
-        raise UsageError("level of detail", "a stage without splat trees", "one with a tree")
+        expected = "one with a tree, which usdsplat lod makes; --decimate reduces fields"
+        raise UsageError("level of detail", "a stage without splat trees", expected)
     if choice.view is not None:
         fields = (each for each in found if not schema.is_tree(each.prim))
         budgeted = fields if choice.view.budget else ()

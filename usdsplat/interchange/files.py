@@ -105,15 +105,20 @@ def save(layer: Sdf.Layer, target: Path) -> None:
     export_layer(layer, target)
 
 
-def check_suffix(target: Path) -> None:
+def check_suffix(target: Path, *, packages: bool = True) -> None:
     """Raise an error early for a target that is not a USD file.
+
+    Args:
+        target: The target.
+        packages: Whether the error names the suffix of packages, too.
 
     Raises:
         UnknownFormatError: If its suffix is none of `SUFFIXES`.
     """
     if not is_usd(target):
         found = f"suffix {target.suffix!r}"
-        raise UnknownFormatError(str(target), found, f"one of {' '.join(SUFFIXES)}")
+        names = SUFFIXES if packages else SUFFIXES[:-1]
+        raise UnknownFormatError(str(target), found, f"one of {' '.join(names)}")
 
 
 def capture_files(path: Path) -> tuple[str, ...]:

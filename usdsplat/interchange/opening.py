@@ -118,7 +118,7 @@ def check_prims(stage: Usd.Stage, where: str, paths: Iterable[str]) -> None:
     for path in paths:
         is_path = Sdf.Path.IsValidPathString(path) and path.startswith("/")
         if not is_path or not stage.GetPrimAtPath(path):
-            raise StageError(where, repr(path), "the path of a prim")
+            raise StageError(where, repr(path), "the path of a prim of the stage")
 
 
 def _mask(prims: tuple[str, ...], keep: tuple[str, ...]) -> Usd.StagePopulationMask | None:

@@ -18,6 +18,9 @@ from usdsplat.core.sh import dc_to_rgb
 from usdsplat.interchange.over_layer import save_over
 from usdsplat.kernels.device import Device
 from usdsplat.kernels.points.surface_normals import SurfaceNormals, surface_normals
+from usdsplat.schema.lod_roots import find_roots
+
+_NO_TREE = "a splat field; lights make the normals of a tree themselves"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -130,17 +133,18 @@ def _summary(
 
 
 def _fields(stage: Usd.Stage, prims: tuple[str, ...]) -> tuple[list[Usd.Prim], list[Finding]]:
-    """Return the fields to author on, and findings on those that have no normals."""
-    found, findings, paths = [], [], []
+    """Return the fields to author on, and findings on those that have no normals, but not on fields
+    for other renderers, of which a splat tree is drawn instead."""
+    found, findings, paths, roots = [], [], [], find_roots(stage)
     for prim in stage.Traverse(Usd.TraverseInstanceProxies()):
         path, is_tree = str(prim.GetPath()), schema.is_tree(prim)
-        if not is_tree and not schema.is_splat_field(prim):
+        if not (is_tree or schema.is_splat_field(prim)) or roots.is_replaced(prim):
             continue
         paths.append(path)
         if prims and not any(_is_beneath(path, each) for each in prims):
             continue
         if is_tree:
-            findings.append(finding("no-normals", path, "a splat tree", "a splat field"))
+            findings.append(finding("no-normals", path, "a splat tree", _NO_TREE))
         elif prim.IsInstanceProxy():
             expected = "one that a layer can change"
             findings.append(finding("no-normals", path, "a field in an instance", expected))
@@ -149,6 +153,8 @@ def _fields(stage: Usd.Stage, prims: tuple[str, ...]) -> tuple[list[Usd.Prim], l
     for each in prims:
         if not any(_is_beneath(path, each) for path in paths):
             raise StageError("--prim", each, f"a field: {', '.join(paths) or 'none'}")
+    if paths and all(schema.is_tree(stage.GetPrimAtPath(path)) for path in paths):
+        raise StageError("fields", f"splat trees only ({', '.join(paths)})", _NO_TREE)
     if not found:
         what = f"none that a layer can change ({', '.join(paths) or 'no field at all'})"
         raise StageError("fields", what, "a splat field outside of instances")

@@ -27,6 +27,7 @@ from usdsplat.render.frame_buffers import FrameBuffers
 from usdsplat.render.lights.captured import estimate
 from usdsplat.render.lights.relighting import field_gains, fit_colors
 from usdsplat.render.settings import RenderSettings
+from usdsplat.schema.lod_roots import find_roots
 
 MOST_NAMED = 3
 """Number of fields that a sentence on a wrong path names."""
@@ -351,11 +352,12 @@ def _merged(a: FieldRelight, b: FieldRelight) -> FieldRelight:
 
 
 def _wanted(stage: Usd.Stage, prims: tuple[str, ...], findings: Findings) -> list[str]:
-    """Return the paths of the fields to relight; others that were asked for are findings."""
-    found, paths = [], []
+    """Return the paths of the fields to relight; others that were asked for are findings, but not
+    fields for other renderers, of which a splat tree is drawn instead."""
+    found, paths, roots = [], [], find_roots(stage)
     for prim in stage.Traverse(Usd.TraverseInstanceProxies()):
         path = str(prim.GetPath())
-        if not (schema.is_splat_field(prim) or schema.is_tree(prim)):
+        if not (schema.is_splat_field(prim) or schema.is_tree(prim)) or roots.is_replaced(prim):
             continue
         paths.append(path)
         if prims and not any(_is_beneath(path, each) for each in prims):
@@ -378,6 +380,7 @@ def _why_not(prim: Usd.Prim) -> Finding:
     """Return the finding on a prim that is not relit."""
     path, expected = str(prim.GetPath()), "a visible field that is drawn once"
     if schema.is_tree(prim):
+        expected = "a splat field; render --lighting relit relights trees in the picture"
         return finding("not-relit", path, "a splat tree", expected)
     if schema.lighting_mode(prim) == "captured":
         where = f"{path}.{schema.tokens.LIGHTING}"

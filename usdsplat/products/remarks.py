@@ -124,9 +124,12 @@ NOTE: Severity = "note"
 
 
 def shadows(engine: Engine, plan: PicturePlan) -> Iterator[Finding]:
-    """Yield a finding if a picture with shadows has no lights, on lights with few samples, and on
-    each relit field or tree with an estimated light; no lights are a note where only the AOV is
-    asked for, as among all AOVs."""
+    """Yield a finding if a picture with shadows has no lights, on lights with few samples, on each
+    relit field or tree with an estimated light, and if shadow catchers of the request are in no
+    AOV; no lights are a note where only the AOV is asked for, as among all AOVs."""
+    if plan.catchers and "shadow" not in plan.aovs:
+        found = "a shadow catcher in a picture without its shadow"
+        yield finding("unused-catcher", plan.catchers[0][0], found, "the AOV shadow")
     is_lit, scene = plan.settings.lighting != "captured", engine.render_scene
     modes = {
         path: (mode_of(each, plan.settings, plan.light_rules), each)

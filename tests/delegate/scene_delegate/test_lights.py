@@ -216,11 +216,16 @@ def test_a_profile_and_a_texture_of_a_light_are_findings() -> None:
         ("DistantLight", 1e33, "bad-light"),
         ("DomeLight", 1e31, "bad-light"),
         ("SphereLight", 1e31, "bad-light"),
+        ("DistantLight", -1.0, "negative-light"),
+        ("DomeLight", -1.0, "negative-light"),
+        ("SphereLight", -1.0, "negative-light"),
+        ("SphereLight", 0.0, None),
     ],
 )
 def test_light_that_half_pictures_cannot_hold_is_a_finding(kind, strength, code) -> None:
     """Oracle: 65504, the largest half, on a white surface that faces the light: intensity / π of a
-    distant light without an angle, the radiance of a dome. A light of `bad-light` is left out."""
+    distant light without an angle, the radiance of a dome; and 0. A light of `bad-light` is left
+    out."""
     stage = Usd.Stage.CreateInMemory()
     prim = stage.DefinePrim("/Light", kind)
     prim.GetAttribute("inputs:intensity").Set(strength)
@@ -510,3 +515,25 @@ def test_edits_of_a_forwarded_relationship_change_the_light_of_photographs() -> 
         engine.sync()
         assert scene.visible_fields()[0].spec.captured_lights == ("/Night",)
         assert scene.light("/Day") is None and scene.light("/Night") is not None
+
+
+@pytest.mark.parametrize("kind", ["DistantLight", "SphereLight", "DomeLight"])
+def test_a_negative_light_takes_no_light_away(kind) -> None:
+    """Oracle: the picture of a mesh in which that light is black, bit for bit."""
+    stage = Usd.Stage.CreateInMemory()
+    add_light(stage)
+    UsdGeom.Cube.Define(stage, "/Cube")
+    other = stage.DefinePrim("/Other", kind)
+    UsdGeom.Xformable(other).AddTranslateOp().Set(Gf.Vec3d(0, 0, 4))
+    other.GetAttribute("inputs:intensity").Set(-0.5)
+    if kind == "DistantLight":
+        other.GetAttribute("inputs:angle").Set(0.0)
+    camera = UsdGeom.Camera.Define(stage, "/Camera")
+    UsdGeom.Xformable(camera).AddTranslateOp().Set(Gf.Vec3d(0, 0, 8))
+    with Engine(stage, device="cpu") as engine:
+        view = engine.view("/Camera", resolution=(8, 8))
+        found = engine.picture(view)["color"]
+        other.GetAttribute("inputs:intensity").Set(0.0)
+        alone = engine.picture(view)["color"]
+    assert alone[4, 4, 0] > 0
+    np.testing.assert_array_equal(found, alone)

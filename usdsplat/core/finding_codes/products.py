@@ -147,6 +147,18 @@ CODES: dict[str, Code] = {
         "add a light, or make one visible",
         "nothing casts shadows, and no light arrives",
     ),
+    "unused-catcher": Code(
+        "note",
+        "a shadow catcher is named for a picture without the AOV shadow",
+        "give --aovs color,shadow and an EXR; what only hides what is behind it is a --matte",
+        "it hides what is behind it, and its shadow is not written",
+    ),
+    "links-nothing": Code(
+        "note",
+        "the collection lightLink of a light has neither the root nor any other member",
+        "add a target to collection:lightLink:includes, or hide the light",
+        "it lights nothing",
+    ),
     "few-light-samples": Code(
         "note",
         "the samples of a distant light are more than 5 degrees apart",

@@ -95,6 +95,12 @@ CODES: dict[str, Code] = {
         "write the picture again without them",
         "they count as black",
     ),
+    "negative-light": Code(
+        "warning",
+        "the product of intensity, diffuse and colour of a light is negative",
+        "make it positive, or hide the light; a grade darkens splats",
+        "it lights nothing, and takes no light away",
+    ),
     "extreme-light": Code(
         "warning",
         "a light is so bright that what it lights passes the largest number of half pictures",

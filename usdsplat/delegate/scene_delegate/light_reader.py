@@ -15,7 +15,7 @@ from usdsplat.delegate.scene_delegate.light_groups import light_group_aov
 from usdsplat.delegate.scene_delegate.lights import finding_on_brightness, read_light
 from usdsplat.delegate.scene_delegate.population import Population
 from usdsplat.delegate.scene_delegate.unsupported import findings_on_light, is_dome
-from usdsplat.render.lights.specs import LightSpec
+from usdsplat.render.lights.specs import LightSpec, Vector
 
 
 class LightReader:
@@ -63,7 +63,11 @@ class LightReader:
         )
         if bright := finding_on_brightness(str(prim.GetPath()), found):
             self.remarks = (*self.remarks, bright)
-        return found
+        return replace(
+            found,
+            irradiance=_not_negative(found.irradiance),
+            radiance=_not_negative(found.radiance),
+        )
 
     def clear(self) -> None:
         """Forget the pictures of domes that were read."""
@@ -75,6 +79,11 @@ def unused_inputs(prims: Iterable[Usd.Prim], time: Usd.TimeCode) -> Iterator[Fin
     for prim in prims:
         if _is_seen(prim, time):
             yield from findings_on_light(prim)
+
+
+def _not_negative(light: Vector) -> Vector:
+    r, g, b = (max(each, 0.0) for each in light)
+    return r, g, b
 
 
 def _is_seen(prim: Usd.Prim, time: Usd.TimeCode) -> bool:

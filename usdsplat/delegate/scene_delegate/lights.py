@@ -67,12 +67,14 @@ def read_light(
 
 
 def finding_on_brightness(where: str, light: LightSpec) -> Finding | None:
-    """Return a finding on a light that is probably too bright by mistake, or None.
+    """Return a finding on a light that is negative, or probably too bright by mistake, or None.
 
     Distant lights and domes are compared with the largest number of a half picture, which a white
     surface that faces them must not pass. How far surfaces are from other lights is not known here,
-    so these are compared at a distance of `FARTHEST`.
+    so these are compared at a distance of `FARTHEST`. What is negative is drawn as 0.
     """
+    if max(light.irradiance if light.kind == "distant" else light.radiance) < 0:
+        return finding("negative-light", where, "a negative strength", "0 or more")
     if light.kind == "distant":
         level, most = max(light.irradiance), HALF_MAX
         where_lit = "on a white surface that faces it"

@@ -15,6 +15,7 @@ from typing import Any
 from pxr import Usd, UsdGeom, UsdLux, UsdShade
 
 from usdsplat.core.findings import Finding, finding
+from usdsplat.delegate.scene_delegate.light_links import findings_on_links
 
 DOMES = (UsdLux.DomeLight, UsdLux.DomeLight_1)
 LIGHTS = (
@@ -134,7 +135,7 @@ def findings_on_prims(
 
 
 def findings_on_light(prim: Usd.Prim) -> Iterator[Finding]:
-    """Yield a finding for each input of a light that has no effect."""
+    """Yield a finding for each input and each link of a light that has no effect."""
     relationship = prim.GetRelationship("light:filters")
     if relationship and relationship.HasAuthoredTargets() and relationship.GetTargets():
         found, where = ", ".join(map(str, relationship.GetTargets())), relationship.GetPath()
@@ -149,6 +150,7 @@ def findings_on_light(prim: Usd.Prim) -> Iterator[Finding]:
             where, cure = str(attribute.GetPath()), CURES[name]
             yield finding("unsupported-input", where, value.path, "no file", cure=cure)
     yield from _names_of_light(prim)
+    yield from findings_on_links(prim)
 
 
 def _names_of_light(prim: Usd.Prim) -> Iterator[Finding]:

@@ -46,9 +46,9 @@ class TreeFiles:
                 folder of the chunks exists with other content.
             StageError: If a layer cannot refer to chunks with the name of the target.
         """
-        files.check_suffix(target)
+        files.check_suffix(target, packages=False)
         if target.suffix.lower() == ".usdz":
-            raise UsageError("OUT", f"{target}, a package", "a .usd, .usda or .usdc file")
+            raise UsageError("--output", f"{target}, a package", "a .usd, .usda or .usdc file")
         final = Path(os.path.realpath(target))
         if not final.parent.is_dir():
             raise OutputError(str(target), f"no folder {final.parent}", "an existing folder")
