@@ -42,6 +42,23 @@ def test_each_arc_that_leads_nowhere_is_found_with_its_prim(tmp_path):
     assert not any("anon:" in each.message for each in composition_findings(stage))
 
 
+@pytest.mark.parametrize(
+    ("name", "command"),
+    [("scan.ply", "usdsplat convert"), ("a.SOG", "usdsplat convert"), ("lod-meta.json", "lod")],
+)
+def test_a_reference_to_a_capture_says_what_makes_a_layer_of_it(tmp_path, name, command):
+    """Oracle: the sentence, with the file and without it, as a reference and as a sublayer."""
+    stage = Usd.Stage.CreateNew(str(tmp_path / "shot.usda"))
+    stage.DefinePrim("/A").GetReferences().AddReference(f"./{name}")
+    stage.GetRootLayer().subLayerPaths.append(f"./{name}")
+    stage.Save()
+    for _ in range(2):
+        found = composition_findings(Usd.Stage.Open(str(tmp_path / "shot.usda")))
+        assert [each.code for each in found] == ["missing-asset"] * 2
+        assert all(f"{command} makes of it" in each.message for each in found), found
+        (tmp_path / name).write_text("{}")
+
+
 @pytest.fixture
 def shot(tmp_path):
     """A shot in centimetres with Z up that refers to an asset in metres with Y up."""

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Iterator
 from pxr import Pcp, Usd
 
 from usdsplat.core.findings import Finding, finding
+from usdsplat.formats import suffixes_read
 from usdsplat.schema.metrics import metrics_findings
 from usdsplat.schema.stage_values import in_world
 from usdsplat.schema.value_clips import clip_assets
@@ -84,18 +85,28 @@ def _finding(path: str, error: Pcp.ErrorBase) -> Finding:
         found = f"no file {match[1]} for a {match[2]}"
         if match[3]:
             found = f"{match[1]} for a {match[2]}, which USD cannot read"
-        return finding("missing-asset", path, found, "a layer that USD can read")
+        return finding("missing-asset", path, found, _layer_of(match[1]))
     if match := _SUBLAYER.match(text):
         found = f"no sublayer {match[1]} of {match[2]}"
         if " -- " in match[3]:
             found = f"a sublayer {match[1]} of {match[2]}, which USD cannot read"
-        return finding("missing-asset", "/", found, "a layer that USD can read")
+        return finding("missing-asset", "/", found, _layer_of(match[1]))
     if match := _PRIM.match(text):
         prim = "no default prim" if match[3] == "defaultPrim" else f"no prim {match[3]}"
         found = f"a {match[1]} to {match[2]}, which has {prim}"
         return finding("missing-prim", path, found, "a prim that exists")
     found = _ANONYMOUS.sub("", text).rstrip(". ")
     return finding("composition", path, found, "what USD can compose")
+
+
+def _layer_of(asset: str) -> str:
+    """Return what is expected in place of an asset, a capture or not."""
+    expected, name = "a layer that USD can read", asset.lower()
+    if name.endswith("lod-meta.json"):
+        return f"{expected}, such as a tree that usdsplat lod makes of it"
+    if name.endswith(suffixes_read()):
+        return f"{expected}, such as one that usdsplat convert makes of it"
+    return expected
 
 
 def _site(error: Pcp.ErrorBase) -> str:
