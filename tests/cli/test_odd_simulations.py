@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from pxr import Usd, UsdGeom
+from pxr import Sdf, Usd, UsdGeom
 
 from tests.cli.test_hostile_simulations import FIELD, SIM, make, sphere
 from usdsplat import schema
@@ -112,6 +112,20 @@ def test_what_can_be_done_says_nothing(run, tmp_path):
     status, _, err = run(*words)
     codes = ("no-carriers", "flat-target", "weak-matter", "long-steps", "vast-affector", "no-room")
     assert status == 0 and not [code for code in codes if f"[{code}]" in err]
+
+
+def test_matter_that_may_grow_in_few_places_has_room(run, tmp_path):
+    """Oracle: ten selected splats of 400, of whose carriers all new matter has room."""
+    stage = make(tmp_path / "shot.usda", 400)
+    sets({**GROW, "sim:maxCount": 900, "refine:enabled": "off"})(stage)
+    weight = stage.GetPrimAtPath(FIELD).CreateAttribute(
+        "primvars:splatSim:weight", Sdf.ValueTypeNames.FloatArray
+    )
+    weight.Set([float(number < 10) for number in range(400)])
+    stage.Save()
+    bake = tmp_path / "bake.usda"
+    status, _, err = run("simulate", tmp_path / "shot.usda", "-o", bake, "--frames", "1:2")
+    assert status == 0 and "[no-room]" not in err
 
 
 @pytest.mark.parametrize(("most", "said"), [(4_000_000, []), (600, ["note"])])

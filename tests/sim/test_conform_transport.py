@@ -197,7 +197,7 @@ def test_the_look_in_flight_follows_births_and_deaths(device):
     """Oracle: the parents: before the next pose children have their progress, and other rows their
     own; without a target all look as they do at rest; after arrival it is exactly 1, which is no
     flight, also with weights."""
-    rest, target = ball(300), sphere(3, 2.0)
+    rest, target = ball(300), sphere(3, 8.0)
     carriers = Carriers.of(device, rest, seed=1)
     rng = np.random.default_rng(6)
     select = np.float32(rng.uniform(0.1, 1, 300))
@@ -228,6 +228,23 @@ def test_the_look_in_flight_follows_births_and_deaths(device):
     conform.apply(target, 1.0, slow.conform, rest.positions.copy())
     conform.pause()
     assert shown(1.0, conform, ids).scales.tobytes() == rest.scales.tobytes()
+
+
+@pytest.mark.parametrize(("weight", "is_torn"), [(0.01, False), (1.0, True)])
+def test_what_hardly_moves_keeps_its_look(device, weight, is_torn):
+    """Oracle: the splats before, a hundredth of their way or half of it to a ball twice as large,
+    in random order."""
+    rest, target = ball(300), sphere(3, 2.0)
+    slow = knobs(
+        conform={**SOON, "weight": weight, "duration": 1.0, "stagger": 1.0, "order": "random"}
+    )
+    conform = TransportConform(
+        device, rest, Carriers.of(device, rest, seed=1), ids=np.arange(300),
+        select=np.ones(300, np.float32), order=None, up=(0, 1, 0), parameters=slow,
+    )  # fmt: skip
+    conform.apply(target, 1.0, slow.conform, rest.positions.copy())
+    frame = Frame(time=1.0, cloud=rest, uv=np.zeros((0, 2)), births=np.zeros(0))
+    assert (conform.finished(frame).cloud.scales != rest.scales).any() == is_torn
 
 
 @pytest.mark.parametrize(("order", "is_torn"), [("distance", False), ("random", True)])

@@ -32,6 +32,15 @@ def test_splats_that_are_not_on_their_way_keep_every_bit() -> None:
         assert np.array_equal(getattr(seen, name)[rows + 1], getattr(cloud, name)[rows + 1])
 
 
+def test_grains_are_finite_whatever_the_colours_are() -> None:
+    """Oracle: the mean colour."""
+    cloud = ball(COUNT)
+    cloud.sh[::7] = np.nan
+    seen = flown(cloud, np.arange(COUNT), 0.5, TORN)
+    np.testing.assert_allclose(seen.sh[:, 0], np.tile(COLOR, (COUNT, 1)), rtol=1e-5)
+    assert not seen.sh[:, 1:].any()
+
+
 def test_splats_keep_their_look_where_neighbours_stay_together() -> None:
     """Oracle: the cloud itself."""
     cloud = ball(COUNT)

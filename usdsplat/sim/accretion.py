@@ -137,7 +137,7 @@ class Accretion:
             there = look.rise > 0 if look.begun is None else look.begun
         else:
             there = uv[:, 1] > BEGIN * knobs.low
-        starts = there & (grown == 0) & (self._allowed(knobs) > 0)
+        starts = there & (grown == 0) & (self.allowed(knobs) > 0)
         room = max(0, (maximum - len(state)) // knobs.layers)
         carriers = np.flatnonzero(starts)[:room]
         wanted = self._ids[self._origin[carriers]]
@@ -189,7 +189,7 @@ class Accretion:
             look = self._look_at(state, knobs, seconds)
             values = look.tone
             lifted = np.where(look.rise > 0, f(LIFT) + f(knobs.relief) * look.rise, f(0))
-            heights = lifted * self._allowed(knobs) * f(spacing)
+            heights = lifted * self.allowed(knobs) * f(spacing)
         facing: F32 = device.empty((len(c), 3), np.float32)
         over: F32 = device.empty(len(c), np.float32)
         run(
@@ -236,7 +236,7 @@ class Accretion:
             values = out
         heights: F32 = device.empty(len(c), np.float32)
         device.run(
-            kernels.raise_carriers, values, self._allowed(knobs), f(knobs.low), f(knobs.high),
+            kernels.raise_carriers, values, self.allowed(knobs), f(knobs.low), f(knobs.high),
             f(knobs.relief * c.spacing), PROFILES[knobs.profile], heights,
         )  # fmt: skip
         return values * f(FULL_V), heights
@@ -316,7 +316,7 @@ class Accretion:
         """Compute the rest values of the splats of veins, at the time of the last look."""
         assert isinstance(self._motif, Veins)
         c, tree = self._carriers, self._motif.tree
-        radii = self._motif.radius * self._allowed(knobs)
+        radii = self._motif.radius * self.allowed(knobs)
         radii *= np.float32(knobs.relief / FULL_VEIN * c.spacing)
         feet = tree.feet + c.normals * np.float32(LIFT * c.spacing)
         values = c.spacing, knobs.opacity, knobs.shade, knobs.gloss, knobs.thickness * c.spacing
@@ -334,9 +334,9 @@ class Accretion:
             seed = self._seed + MOTIF_SEED
             self._motif = MOTIFS[knobs.motif](self._device, self._carriers, knobs.motif_size, seed)
             if isinstance(self._motif, Needles):
-                self._motif.keep_to(self._allowed(knobs))
+                self._motif.keep_to(self.allowed(knobs))
             if isinstance(self._motif, Corals):
-                self._motif.keep_to(self._allowed(knobs), knobs.layers - 1, self._up)
+                self._motif.keep_to(self.allowed(knobs), knobs.layers - 1, self._up)
         return self._motif.at(state.globals[ARRIVAL], now)
 
     def _tints(self, knobs: AccretionParameters, count: int) -> F32:
@@ -345,7 +345,7 @@ class Accretion:
         number = drawn(self._device, count, self._seed + MOTIF_SEED - 1) * len(every)
         return np.asarray(every[number.astype(np.int64)], np.float32)
 
-    def _allowed(self, knobs: AccretionParameters) -> F32:
+    def allowed(self, knobs: AccretionParameters) -> F32:
         """Return the factor of the height of each carrier, shape (c,)."""
         if knobs.upward <= 0:
             return self._weight

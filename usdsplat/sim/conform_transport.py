@@ -68,8 +68,9 @@ class TransportConform:
         self._up = up
         self._part = np.zeros(len(select), np.float32)
         """Progress of each splat at the last pose, 0 before its start and 1 when it has arrived."""
-        self._travel = 0.0, (0.0, 0.0, 0.0), 0.0
-        """Time, (start, duration, stagger) and arc then."""
+        self._travel = 0.0, (0.0, 0.0, 0.0), 0.0, self._part
+        """Time, (start, duration, stagger) and arc then, and the weight of each point of the
+        map."""
         self._device, self._carriers = device, carriers
         self._rest, self._ids, self._order = rest, ids, order
         self._parameters = parameters
@@ -207,17 +208,19 @@ class TransportConform:
         whole = (float(parameters.weight) * select.astype(np.float64)).astype(np.float32)
         part = np.divide(way, whole, out=np.zeros_like(way), where=whole > 0)
         self._part = np.minimum(part, np.float32(1))
-        self._travel = float(now), timing, float(parameters.arc)
+        near, c = self._bound.points, 0 if self._carrying is None else len(self._carrying.order)
+        pull = np.bincount(near, whole, c) / np.maximum(np.bincount(near, minlength=c), 1)
+        self._travel = float(now), timing, float(parameters.arc), pull.astype(np.float32)
         return way
 
     def _torn(self, carrying: Carrying) -> F32:
         """Return how far the points of the map are torn apart at the last pose, shape (c,)."""
+        now, timing, arc, pull = self._travel
         if self._order is None and self._parameters.conform.order == "random":
-            return np.full(len(carrying.order), TORN, np.float32)
-        now, timing, arc = self._travel
-        way, whole = np.empty_like(carrying.order), np.ones_like(carrying.order)
-        run = self._device.run
-        run(conform_kernels.advance, now, (1.0, *timing), carrying.order, whole, way)
+            apart = pull * np.linalg.norm(carrying.images - carrying.source.positions, axis=1)
+            return np.where(apart > carrying.source.spacing, TORN, 0).astype(np.float32)
+        way, run = np.empty_like(carrying.order), self._device.run
+        run(conform_kernels.advance, now, (1.0, *timing), carrying.order, pull, way)
         return carrying.stretch(way, arc)
 
     def pause(self) -> None:

@@ -62,7 +62,8 @@ class Flight:
         low, high = SEEN
         whole = OPAQUE * ramp(opacities[rows], low, high)
         opacities[rows] += grain * (whole.astype(np.float32) - opacities[rows])
-        colors = sh[rows] * (1 - grain)[:, None, None]
+        left = (1 - grain)[:, None, None]  # of what is not finite, nothing is left in a grain
+        colors = np.where(left > 0, sh[rows] * left, 0).astype(np.float32)
         colors[:, 0] += grain[:, None] * self.colors[torn]
         sh[rows] = colors
         return replace(cloud, scales=scales, opacities=opacities, sh=sh)

@@ -10,6 +10,7 @@ import numpy as np
 from usdsplat.core.findings import Finding, finding
 from usdsplat.core.wording import counted
 from usdsplat.sim import styles
+from usdsplat.sim.accretion import Accretion
 from usdsplat.sim.carriers import Carriers
 from usdsplat.sim.specs import Affector, Moment, Recipe, Surface
 from usdsplat.sim.uses import Uses
@@ -63,8 +64,6 @@ def limit_findings(
         found, expected = f"new matter and rd:domain {p.rd.domain}", "rd:domain carrier"
         cure = f"make it {expected}; nothing grows"
         yield finding("unused", "splatSim:accretion:enabled", found, expected, cure=cure)
-    if uses.accretes and carriers is not None and p.rd.domain == "carrier":
-        yield from _room(recipe, first, carriers)
     if first.target is not None and uses.transports and not has_area(first.target):
         expected = "triangles with an area; splats move to the closest points"
         yield finding("flat-target", "splatSim:conform:target", "a mesh without area", expected)
@@ -86,11 +85,16 @@ def limit_findings(
             yield finding("vast-affector", "collection:affectors:includes", found, expected)
 
 
-def _room(recipe: Recipe, first: Moment, carriers: Carriers) -> Iterator[Finding]:
-    """Yield a finding if new matter would not have room on all carriers of the outside."""
-    layers = styles.resolved(first.parameters.accretion).layers
-    most, here = first.parameters.sim.max_count, len(recipe.rest)
-    places = int(carriers.outer.sum())
+def room(accretion: Accretion, first: Moment, here: int) -> Iterator[Finding]:
+    """Yield a finding if new matter would not have room on all carriers that it may grow on.
+
+    Args:
+        accretion: New matter of a field.
+        first: Values of the stage at the first frame.
+        here: Number of splats without new matter.
+    """
+    knobs, most = styles.resolved(first.parameters.accretion), first.parameters.sim.max_count
+    layers, places = knobs.layers, int((accretion.allowed(knobs) > 0).sum())
     room = max(0, most - here) // layers
     if room >= places:
         return

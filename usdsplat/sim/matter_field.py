@@ -24,7 +24,7 @@ from usdsplat.sim.timeline import Step
 
 AROUND = 8
 """Number of splats around a carrier of which its colour is the mean."""
-NOTHING = (None, None, None, None)
+NOTHING = (None, None, None)
 _MATTER = "matter:"
 """Start of the keys in `State.globals`."""
 
@@ -94,9 +94,9 @@ class MatterField:
         colors = carrier_colors(device, recipe.rest, carriers)
         self.matter = Matter(device, carriers, self._recipe.selection, colors, first)
         """The carriers as particles."""
-        self._followed: tuple[Any, Any, Any, Any] = NOTHING
-        """What the last call of `place` moved the splats by, see `_followers`, and the gradients of
-        that motion."""
+        self._followed: tuple[Any, Any, Any] = NOTHING
+        """Positions of the carriers that splats were moved with, the carriers of each splat, and
+        the gradients of that motion, None where splats are deformed otherwise, too."""
         knobs = resolved(first.parameters.matter)
         self.filling: Infill | None = None
         """What fills pieces that break off; None for matter that does not break into pieces."""
@@ -153,11 +153,12 @@ class MatterField:
             wanted: Target positions [unit], shape (n, 3).
             seconds: Time since the last frame [s].
         """
-        device, total = self._device, self._undeformed(len(state))
+        device, own = self._device, wanted is state.rest_positions
+        total = self._undeformed(len(state)) if own else None
         device.keep(wanted)
         positions, velocities = device.copied(wanted), device.copied(state.velocities)
         self.matter.follow(Binding.kept(state), moment, positions, total)
-        self._followed = (*self._followers(state, wanted), total)
+        self._followed = self.matter.particles.positions, state.memory[NEAR], total
         device.run(
             kernels.arrive, state.positions, state.flags, FREE, np.float32(seconds), positions,
             velocities,
@@ -174,12 +175,11 @@ class MatterField:
             wanted: Target positions [unit], shape (n, 3).
             gradient: Gradients of the deformation to there, shape (n, 3, 3); None without any.
         """
-        device = self._device
-        *held, total = self._followed
-        now = self._followers(state, wanted)
-        if gradient is None and all(a is b for a, b in zip(held, now, strict=True)):
-            self._followed = NOTHING  # the caller may change it
-            return total
+        device, (places, near, total) = self._device, self._followed
+        self._followed = NOTHING  # the caller may change the gradients
+        is_now = places is self.matter.particles.positions and near is state.memory[NEAR]
+        if gradient is None and total is not None and is_now:
+            return total  # they depend on the carriers, not on the places of splats
         total = self._undeformed(len(state)) if gradient is None else device.move(gradient)
         self.matter.follow(Binding.kept(state), moment, device.copied(wanted), total)
         return total
@@ -189,11 +189,6 @@ class MatterField:
         total = self._device.resident((count, 3, 3), np.float32)
         self._device.run(kernels.undeformed, total)
         return total
-
-    def _followers(self, state: State, wanted: F32) -> tuple[Any, Any, Any]:
-        """Return what the motion of the splats depends on: arrays that are never changed in
-        place."""
-        return self.matter.particles.positions, wanted, state.memory[NEAR]
 
     def remember(self, state: State) -> None:
         """Add to the state what `restore` needs."""

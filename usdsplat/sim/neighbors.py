@@ -73,7 +73,7 @@ class _Slots(NamedTuple):
         """Return which slots share their position with another one, shape (n,)."""
         out = device.resident(len(self.order), np.bool_)
         how = self.cells.start, self.cells.inverse, self.cells.bits
-        device.run(lists.coincident, self.positions, *how, out)
+        device.run(lists.coincident, self.positions, self.radii, *how, out)
         return device.fetch(out)
 
 

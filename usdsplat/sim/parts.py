@@ -15,7 +15,7 @@ from usdsplat.sim.carriers import Carriers, carriers_of
 from usdsplat.sim.contact import Contacts
 from usdsplat.sim.frame_state import FrameEvaluator, turned
 from usdsplat.sim.influence import Influences
-from usdsplat.sim.limits import limit_findings
+from usdsplat.sim.limits import limit_findings, room
 from usdsplat.sim.masks import Masks
 from usdsplat.sim.matter_field import MatterField
 from usdsplat.sim.neighbors import nearest
@@ -69,6 +69,7 @@ class Parts:
             asked = recipe.selection
             weight = np.ones(len(rest), np.float32) if asked is None else asked
             accretion = Accretion(device, surface, origin, own, weight, first)
+            found = (*found, *room(accretion, first, len(rest)))
         if uses.coheres and surface is not None:
             matter = MatterField(device, recipe, surface, first)
         measures = uses.collides and matter is None

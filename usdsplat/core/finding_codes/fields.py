@@ -66,7 +66,7 @@ CODES: dict[str, Code] = {
     ),
     "no-room": Code(
         "warning",
-        "a capture has about as many splats as a simulation may have, so that new matter stops",
+        "splatSim:sim:maxCount has no room for all new matter; a note where some grows",
         "increase splatSim:sim:maxCount, or decrease splatSim:refine:budget",
     ),
     "flat-target": Code(

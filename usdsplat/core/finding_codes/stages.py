@@ -97,9 +97,9 @@ CODES: dict[str, Code] = {
     ),
     "negative-light": Code(
         "warning",
-        "the product of intensity, diffuse and colour of a light is negative",
+        "a channel of the product of intensity, diffuse and colour of a light is negative",
         "make it positive, or hide the light; a grade darkens splats",
-        "it lights nothing, and takes no light away",
+        "it lights nothing there, and takes no light away",
     ),
     "extreme-light": Code(
         "warning",

@@ -73,7 +73,7 @@ def finding_on_brightness(where: str, light: LightSpec) -> Finding | None:
     surface that faces them must not pass. How far surfaces are from other lights is not known here,
     so these are compared at a distance of `FARTHEST`. What is negative is drawn as 0.
     """
-    if max(light.irradiance if light.kind == "distant" else light.radiance) < 0:
+    if min(light.irradiance if light.kind == "distant" else light.radiance) < 0:
         return finding("negative-light", where, "a negative strength", "0 or more")
     if light.kind == "distant":
         level, most = max(light.irradiance), HALF_MAX

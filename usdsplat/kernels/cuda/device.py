@@ -261,9 +261,9 @@ class CudaDevice:
         self._constants.clear()
         self._primitives = None
         if not is_simulated():
-            with suppress(Exception):  # a failed GPU cannot free memory
-                self._memory.trim()
-                cuda.current_context().deallocations.clear()
+            for free in (self._memory.trim, lambda: cuda.current_context().deallocations.clear()):
+                with suppress(Exception):  # a failed GPU cannot free memory
+                    free()
 
     # --- private ---------------------------------------------------------------------------
 

@@ -37,7 +37,7 @@ def pool() -> Any:
         return None
     made = DeviceMemoryResource(device, DeviceMemoryResourceOptions())
     kept = binding.CUmemPool_attribute.CU_MEMPOOL_ATTR_RELEASE_THRESHOLD
-    binding.cuMemPoolSetAttribute(made.handle, kept, binding.cuuint64_t(UNUSED))
+    _check(binding.cuMemPoolSetAttribute(made.handle, kept, binding.cuuint64_t(UNUSED)))
     return made
 
 
@@ -62,9 +62,18 @@ class StreamMemory:
         nbytes = math.prod(sizes) * kind.itemsize
         if self._pool is None or not nbytes:
             return with_views(cuda.device_array(sizes, kind, stream=self._stream))
-        buffer = self._pool.allocate(nbytes, stream=self._order)
-        context, address = cuda.current_context(), binding.CUdeviceptr(int(buffer.handle))
-        memory = MemoryPointer(context, address, nbytes, owner=buffer)
+        context = cuda.current_context()  # of this thread, too, which may be new
+        try:
+            buffer = self._pool.allocate(nbytes, stream=self._order)
+        except Exception as error:
+            if "OUT_OF_MEMORY" not in str(error):
+                raise
+            context.deallocations.clear()
+            self.trim()
+            buffer = self._pool.allocate(nbytes, stream=self._order)
+        address = binding.CUdeviceptr(int(buffer.handle))
+        # a tuple is emptied from its end: memory is freed on its stream before that is
+        memory = MemoryPointer(context, address, nbytes, owner=(self._stream, buffer))
         strides = (kind.itemsize * math.prod(sizes[k:]) for k in range(1, len(sizes) + 1))
         return GpuArray(sizes, tuple(strides), kind, self._stream, memory)
 
@@ -72,4 +81,10 @@ class StreamMemory:
         """Give back what no array uses."""
         if self._pool is not None:
             self._stream.synchronize()
-            binding.cuMemPoolTrimTo(self._pool.handle, 0)
+            _check(binding.cuMemPoolTrimTo(self._pool.handle, 0))
+
+
+def _check(result: tuple[Any, ...]) -> None:
+    """Raise an error for a result of the driver that is not a success."""
+    if result[0] != binding.CUresult.CUDA_SUCCESS:
+        raise RuntimeError(result[0].name)

@@ -210,18 +210,19 @@ def pack(found, k_max, blocks, rows, neighbors):
 
 
 @kernel(over="positions", writes=("out",))
-def coincident(i, positions, start, inverse, bits, out):
+def coincident(i, positions, radii, start, inverse, bits, out):
     """Find out whether another point is at the same position.
 
     Args:
         positions: Position of each slot, (n, 3) f32.
+        radii: Radius of each slot, (n,) f32; of points without a positive one, none is found.
         start: First slot of each cell, from `sort_cells`.
         inverse, bits: Parameters of the grid.
         out: Receives it for each slot, (n,) bool.
     """
     x, y, z = positions[i, 0], positions[i, 1], positions[i, 2]
     out[i] = False
-    if not (math.isfinite(x) and math.isfinite(y) and math.isfinite(z)):
+    if not (math.isfinite(x) and math.isfinite(y) and math.isfinite(z) and radii[i] > 0):
         return
     bx, by, bz = bits
     key = key_of(cell_of(x, inverse), cell_of(y, inverse), cell_of(z, inverse), bx, by, bz)

@@ -82,7 +82,7 @@ def test_lists_of_neighbours(widest: float, k_max: int) -> None:
     def work(device: Device) -> Arrays:
         found = np.zeros(grid.BLOCK * k_max, np.int32)
         counts, dropped, twins = np.zeros(n, np.int64), np.ones(1, np.int64), np.zeros(n, bool)
-        device.run(lists.coincident, placed, start, 1.5, BITS, twins)
+        device.run(lists.coincident, placed, reach, start, 1.5, BITS, twins)
         device.run(
             lists.search, placed, reach, F(widest), start, 1.5, BITS, k_max, 0, found, counts,
             dropped,
