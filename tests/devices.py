@@ -36,16 +36,3 @@ def here() -> list[str]:
 def all_cores() -> CpuDevice:
     """The CPU with all its cores. Tests that do not ask for them get USDSPLAT_THREADS."""
     return CpuDevice(threads=cores())
-
-
-def resident_on_gpu() -> int:
-    """What this process has allocated on the GPU [byte]; others may use it too."""
-    from numba import cuda
-
-    from usdsplat.kernels.cuda.memory import pool
-
-    context, of_pool = cuda.current_context(), pool()
-    context.synchronize()
-    context.deallocations.clear()
-    numbas = sum(each.size for each in context.memory_manager.allocations.values())
-    return numbas + (of_pool.attributes.used_mem_current if of_pool else 0)

@@ -12,7 +12,6 @@ import pytest
 from pxr import Gf, Sdf, Usd, UsdGeom, Vt
 
 from tests.delegate.stages import add_camera, random_cloud, two_fields
-from tests.devices import resident_on_gpu
 from usdsplat import schema
 from usdsplat.delegate.engine import Engine
 
@@ -172,6 +171,14 @@ def test_memory_comes_back_when_engines_close(any_device):
         tracemalloc.stop()
     assert most - before > (0 if any_device == "cuda" else 3e6)
     assert after - before < 3e5
+
+
+def resident_on_gpu() -> int:
+    """What this process has allocated on the GPU [byte]; others may use it too."""
+    from numba import cuda
+
+    cuda.current_context().deallocations.clear()
+    return sum(each.size for each in cuda.current_context().memory_manager.allocations.values())
 
 
 def test_many_engines_need_no_more_memory_than_one(data):

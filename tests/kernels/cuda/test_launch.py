@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.devices import device_of, resident_on_gpu
+from tests.devices import device_of
 from usdsplat.core.errors import BackendError
 from usdsplat.kernels.device import Device
 from usdsplat.kernels.sort import gather
@@ -47,11 +47,14 @@ def test_a_number_is_read_by_the_host(cuda: Any) -> None:
 
 
 def test_a_view_outlives_its_array_and_memory_goes_with_the_last(cuda: Any) -> None:
-    """Oracle: the values; and what numba-cuda and the driver's pool count as allocated."""
+    """Oracle: the values; and what numba-cuda counts as allocated."""
+    import numba.cuda as driver
 
     def allocated() -> int:
         gc.collect()
-        return resident_on_gpu()
+        context = driver.current_context()
+        context.deallocations.clear()
+        return sum(each.size for each in context.memory_manager.allocations.values())
 
     before = allocated()
     there = cuda.move(np.arange(1 << 20, dtype=np.int32))
@@ -63,53 +66,6 @@ def test_a_view_outlives_its_array_and_memory_goes_with_the_last(cuda: Any) -> N
     assert cuda.fetch(part).tolist() == [2, 3]
     del part
     assert allocated() <= before
-
-
-@pytest.mark.parametrize("shape", [(), 5, (3, 0), (2, 3, 4), (7, 1)])
-@pytest.mark.parametrize("kind", [np.uint8, np.float64, np.dtype([("a", "f4"), ("b", "i8")])])
-def test_arrays_have_the_form_that_numpys_have(cuda: Any, shape: Any, kind: Any) -> None:
-    """Oracle: NumPy's strides, and the values after others have come and gone."""
-    nbytes = int(np.prod(shape)) * np.dtype(kind).itemsize
-    here = (np.arange(nbytes) % 100).astype(np.uint8).view(kind).reshape(shape)
-    there = cuda.move(here)
-    for _ in range(20):
-        cuda.move(np.full(max(nbytes, 1), 9, np.uint8))
-    assert there.shape == here.shape and there.dtype == here.dtype
-    assert there.strides == here.strides or not nbytes
-    np.testing.assert_array_equal(cuda.fetch(there), here)
-
-
-def test_memory_of_one_array_serves_the_next(cuda: Any) -> None:
-    """Oracle: two arrays are in use at most, of all that were made."""
-    from usdsplat.kernels.cuda.memory import pool
-
-    if pool() is None:
-        pytest.skip("this GPU has no pools")
-    gc.collect()
-    cuda.stream.synchronize()
-    before = pool().attributes.used_mem_current
-    for number in range(50):
-        there = cuda.move(np.full(1 << 20, number, np.int32))
-        assert cuda.number(there, 77) == number
-        assert pool().attributes.used_mem_current <= before + (9 << 20)
-
-
-def test_a_thread_that_has_used_no_gpu_makes_and_drops_arrays(cuda: Any) -> None:
-    """Oracle: NumPy, and what is allocated before and after."""
-    here = np.arange(1 << 18, dtype=np.float32)
-    gc.collect()
-    before, held, found = resident_on_gpu(), [cuda.move(here)], []
-
-    def work() -> None:
-        found.append(cuda.fetch(cuda.move(here)))
-        held.clear()
-
-    thread = threading.Thread(target=work)
-    thread.start()
-    thread.join()
-    gc.collect()
-    np.testing.assert_array_equal(found[0], here)
-    assert resident_on_gpu() <= before
 
 
 def test_many_views_are_not_all_kept(cuda: Any) -> None:
@@ -166,7 +122,7 @@ def test_a_driver_that_fails_is_a_sentence(
     cuda: Any, size: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Of small arrays as of large ones. Oracle: our error, on which the CPU takes over."""
-    from numba.cuda.cudadrv import devicearray
+    from numba import cuda as driver
     from numba.cuda.cudadrv.driver import CudaAPIError
 
     from usdsplat.kernels.cuda import transfers
@@ -174,7 +130,7 @@ def test_a_driver_that_fails_is_a_sentence(
     def fails(*args: Any, **options: Any) -> None:
         raise CudaAPIError(700, "CUDA_ERROR_ILLEGAL_ADDRESS")
 
-    monkeypatch.setattr(devicearray._driver, "host_to_device", fails)
+    monkeypatch.setattr(driver, "to_device", fails)
     monkeypatch.setattr(transfers, "host_to_device", fails)
     with pytest.raises(BackendError, match="ILLEGAL_ADDRESS"):
         cuda.keep(np.random.default_rng().random(size))

@@ -21,9 +21,9 @@ import numpy.typing as npt
 from numba import cuda
 
 from usdsplat.core.errors import BackendError, UsdSplatError
+from usdsplat.kernels.cuda.arrays import with_views
 from usdsplat.kernels.cuda.compiling import connect
 from usdsplat.kernels.cuda.loops import BLOCKS, THREADS, gpu_loop, grid_of
-from usdsplat.kernels.cuda.memory import StreamMemory
 from usdsplat.kernels.cuda.support import is_compiled, is_simulated
 from usdsplat.kernels.cuda.transfers import CONSTANT, SMALL, Constants, PinnedPool, Rings
 from usdsplat.kernels.device import CpuDevice
@@ -101,7 +101,6 @@ class CudaDevice:
         self.threads = self._cpu.threads
         self.stream = cuda.stream()
         """Stream on which everything is launched, in order."""
-        self._memory = StreamMemory(self.stream)
         self._primitives: Any = None
         self._pinned, self._rings = PinnedPool(), Rings(self.stream)
         self._constants = Constants(self.stream)
@@ -172,7 +171,7 @@ class CudaDevice:
             BackendError: If the GPU has too little memory.
         """
         with in_words():
-            return self._memory.array(shape, dtype)
+            return with_views(cuda.device_array(shape, dtype, stream=self.stream))
 
     def borrow(self, name: str, size: int, dtype: Any) -> Any:
         """Return a temporary GPU buffer with undefined contents, for one kernel call.
@@ -261,9 +260,8 @@ class CudaDevice:
         self._constants.clear()
         self._primitives = None
         if not is_simulated():
-            for free in (self._memory.trim, lambda: cuda.current_context().deallocations.clear()):
-                with suppress(Exception):  # a failed GPU cannot free memory
-                    free()
+            with suppress(Exception):  # a failed GPU cannot free memory
+                cuda.current_context().deallocations.clear()
 
     # --- private ---------------------------------------------------------------------------
 
@@ -309,12 +307,8 @@ class CudaDevice:
         return self._constants.get(whole) if whole.nbytes <= CONSTANT else self._rings.put(whole)
 
     def _in(self, array: npt.NDArray[Any]) -> Any:
-        whole = np.ascontiguousarray(array)
         with in_words():
-            out = self._memory.array(whole.shape, whole.dtype)
-            if out.size:
-                out.copy_to_device(whole, stream=self.stream)
-            return out
+            return with_views(cuda.to_device(np.ascontiguousarray(array), stream=self.stream))
 
     def _out(self, copy: Any, original: npt.NDArray[Any]) -> None:
         if not original.flags.writeable:
