@@ -245,7 +245,7 @@ class Accretion:
         self, state: State, rows: I64, on: _Ground, knobs: AccretionParameters, now: float,
         colors: F32,
     ) -> None:  # fmt: skip
-        """Compute place, shape, opacity and colour at rest of the discs in `rows`, which lie on the
+        """Compute place, shape, opacity and colour at rest of the discs in `rows`. They lie on the
         surface `on`. Results are in `state` and `colors`."""
         self._device.run(
             kernels.discs, rows, on.carrier, on.layer, knobs.layers, state.ids, state.births,

@@ -65,7 +65,7 @@ class Carried:
     bows: F32
     """Direction of the arc of each path, as long as the way [unit], shape (n, 3)."""
     points: I32
-    """Nearest point of the map, shape (n,)."""
+    """Row of the point of the map that is nearest to each splat, shape (n,)."""
     colors: F32
     """Mean colour around each splat, coefficients of degree 0, shape (n, 3)."""
 

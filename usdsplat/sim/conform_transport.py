@@ -214,7 +214,7 @@ class TransportConform:
         return way
 
     def _torn(self, carrying: Carrying) -> F32:
-        """Return how far the points of the map are torn apart at the last pose, shape (c,)."""
+        """Return the stretch around each point of the map at the last pose, see `Flight`, (c,)."""
         now, timing, arc, pull = self._travel
         if self._order is None and self._parameters.conform.order == "random":
             apart = pull * np.linalg.norm(carrying.images - carrying.source.positions, axis=1)
@@ -276,7 +276,8 @@ class TransportConform:
         return replace(self._rest, opacities=self._rest.opacities * (self._select > 0))
 
     def _finish(self, carrying: Carrying, landing: Landing, mesh: TargetMesh) -> Carrying:
-        """Bind all splats of the capture. Return the map, whose points start when splats do."""
+        """Bind all splats of the capture to the map. Return the map; if a primvar gives the order
+        of the splats, its points start in that order, too."""
         rest = self._rest
         if self._order is not None:
             self._ranks = np.clip(self._order, 0, 1).astype(np.float32)

@@ -30,16 +30,17 @@ OPAQUE = 0.96
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Flight:
-    """The m splats of a frame that are on their way."""
+    """The splats of one frame that have started and have not arrived yet, m of them."""
 
     rows: I64
     """Their rows, shape (m,)."""
     part: F32
     """Their progress, between 0 and 1, shape (m,)."""
     spacings: tuple[float, float]
-    """Distance of the points that carry them, at rest and on the target [unit]."""
+    """Distance of neighbouring points of the map, at rest and on the target [unit]."""
     stretch: F32
-    """Distance of these points now, relative to the spacing on the way, shape (m,)."""
+    """Stretch of the surface around each splat, shape (m,): mean distance of the points there to
+    their neighbours, divided by the distance that an even motion would give. 1: not stretched."""
     colors: F32
     """Mean colours of the capture around them, coefficients of degree 0, shape (m, 3)."""
 

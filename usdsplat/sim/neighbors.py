@@ -61,9 +61,9 @@ class _Slots(NamedTuple):
 
     cells: Cells
     order: I32
-    """Row of each slot, shape (n,)."""
+    """For each slot, a place in the order of cells: the row of its splat, shape (n,)."""
     rank: Any
-    """Slot of each row, shape (n,)."""
+    """For each row, a splat in the order of the field: its slot, shape (n,)."""
     positions: Any
     """Position of each slot [unit], shape (n, 3)."""
     radii: Any
@@ -235,7 +235,7 @@ class Neighbors:
         return _Slots(cells, order, *slots)
 
     def _lists(self, slots: _Slots, build: int) -> Graph:
-        """Build a graph."""
+        """Return the neighbour lists of splats that are sorted by cell."""
         n, device, cells = len(slots.order), self.device, slots.cells
         rank, place, radius = map(device.publish, (slots.rank, slots.positions, slots.radii))
         skin = 1.0 + self.parameters.skin

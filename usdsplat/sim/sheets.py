@@ -116,7 +116,7 @@ class Sheet:
         return Binding(near=near, weights=weights)
 
     def mean(self, values: F64) -> F64:
-        """Return the weighted mean of values over neighbours, shape (c,)."""
+        """Return for each point the mean of `values` at its neighbours, by their weights, (c,)."""
         weights = self.weights.astype(np.float64)
         total = (weights * values[self.near]).sum(axis=1)
         return np.asarray(total / weights.sum(axis=1))

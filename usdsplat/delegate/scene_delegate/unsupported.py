@@ -266,7 +266,7 @@ def _expected(code: str, name: str) -> str:
 
 
 def _text(value: Any) -> str:
-    """Return a value as text for a sentence. Long arrays and long texts are cut, with "…"."""
+    """Return a value as text for a message. The end of long arrays and texts is left out: "…"."""
     numbers = _plain(value)
     if isinstance(numbers, tuple):
         more = ", …" if len(numbers) > MOST_NUMBERS else ""

@@ -138,7 +138,7 @@ class FlipbookDialog(QDialog):
         self.hint.setVisible(is_still)
         self._context = context
         self._complaint = ""
-        """Error message that the dialog shows now; "" for none."""
+        """Error message in the dialog; "" if there is none."""
         self.first, self.last, self.step = (
             NumberField(name) for name in ("First frame", "Last frame", "Step")
         )

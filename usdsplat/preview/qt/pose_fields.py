@@ -43,7 +43,7 @@ class PoseFields(QWidget):
     """Three fields for each part of a pose; hidden for prims that cannot be moved."""
 
     entered = Signal(object)
-    """Emitted with an `Entry` when a number was entered."""
+    """Signal that the user has entered a number, with an `Entry`."""
     refused = Signal(str)
     """Emitted with an error message when a text is not a number."""
 
